@@ -1,0 +1,181 @@
+"""The main job: learn on a collection, leave shapes out, and show what learning buys."""
+
+import argparse
+import sys
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import joblib
+import numpy as np
+from sklearn.utils import Bunch
+
+from skfmap.basis import SpectralBasis
+from skfmap.datasets import load_collection, make_creatures
+from skfmap.descriptors import DescriptorTransformer
+from skfmap.functional.weighting import WEIGHTINGS
+from skfmap.learner import WeightedFunctionalMapLearner
+from skfmap.metrics import ERROR_KINDS, PairErrors
+from skfmap.plotting import plot_matches
+from skfmap.shapes import Match, ProbedShape
+
+# How points are matched: in all functions alike, in the p most stable, in all weighted by stability.
+_MATCHINGS = {
+    "full": {"matching": "cut", "n_stable": 1.0},
+    "reduced": {"matching": "cut", "n_stable": None},
+    "soft": {"matching": "soft"},
+}
+
+
+@dataclass(frozen=True)
+class _Result:
+    """One weighting strategy: errors of each left-out shape by matching, and seconds of training per fold."""
+
+    errors: dict[str, list[PairErrors]]
+    seconds: list[float]
+    matches: list[Match]
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the main job and return the exit status."""
+    options = _parser().parse_args(arguments)
+    try:
+        _run(options)
+    except (ValueError, TypeError, OSError) as error:
+        print(f"skfmap: {error}", file=sys.stderr)
+        return 2
+    except KeyboardInterrupt:
+        print("skfmap: interrupted; what is in the cache is kept.", file=sys.stderr)
+        return 130
+    return 0
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(
+        prog="python -m skfmap",
+        description="Learn functional maps on a collection of meshes, match the shapes left out, and show what learning "
+        "buys: a table, a picture of the matches, and a model trained on all shapes.",
+    )
+    parser.add_argument("folder", nargs="?", help="meshes and correspondences; made-up creatures if left out")
+    parser.add_argument("--pattern", default="*", help="which meshes of the folder, by name (default: all)")
+    parser.add_argument("--reference", help="name of the reference (default: the first in natural order)")
+    parser.add_argument("--folds", type=int, default=3, help="how many shapes to leave out, one at a time (default: 3)")
+    parser.add_argument("--functions", type=int, default=50, help="eigenfunctions that are matched (default: 50)")
+    parser.add_argument("--families", choices=["default", "paper", "paper-310"], default="default")
+    parser.add_argument("--vertices", type=int, default=1500, help="vertices of a made-up creature (default: 1500)")
+    parser.add_argument("--up", choices=["x", "y", "z"], default="y", help="axis that points up in the picture")
+    parser.add_argument("--output", type=Path, default=Path("skfmap-output"), help="where picture and model go")
+    parser.add_argument("--cache", type=Path, help="folder that keeps bases and probes between runs")
+    parser.add_argument("--jobs", type=int, default=-1, help="shapes at a time (default: one per core)")
+    return parser
+
+
+def _run(options: argparse.Namespace) -> None:
+    options.output.mkdir(parents=True, exist_ok=True)
+    collection = _collection(options)
+    shapes = _probed(collection, options)
+    left_out = _choose_folds(len(shapes), options.folds)
+    names = ", ".join(collection.names[i] for i in left_out)
+    print(f"Leaving out one at a time: {names}. Reference: {collection.names[0]}.", flush=True)
+    results = {}
+    for weighting in WEIGHTINGS:
+        results[weighting] = _cross_validate(shapes, collection.correspondences, left_out, weighting, options)
+        print(
+            f"  weighting={weighting!r}: {np.mean(results[weighting].seconds):.1f} s of training per fold", flush=True
+        )
+    print("\n" + _table(results))
+    _save(collection, shapes, left_out, results["function"], options)
+
+
+def _collection(options: argparse.Namespace) -> Bunch:
+    started = time.perf_counter()
+    if options.folder is None:
+        print("Making 11 creatures, each posed and meshed on its own ...", flush=True)
+        collection = make_creatures(n_shapes=11, n_vertices=options.vertices)
+    else:
+        print(f"Reading {options.folder} ...", flush=True)
+        collection = load_collection(options.folder, options.pattern, options.reference)
+    counts = [mesh.n_vertices for mesh in collection.meshes]
+    print(f"  {len(counts)} meshes of {min(counts)} to {max(counts)} vertices, {_since(started)}", flush=True)
+    if len(counts) < 3:
+        raise ValueError(f"the main job needs a reference and at least two more shapes; got {len(counts)} meshes.")
+    return collection
+
+
+def _probed(collection: Bunch, options: argparse.Namespace) -> list[ProbedShape]:
+    started = time.perf_counter()
+    print("Eigenfunctions and probe functions ...", flush=True)
+    basis = SpectralBasis(max(120, options.functions), memory=options.cache, n_jobs=options.jobs)
+    families = None if options.families == "default" else options.families
+    probes = DescriptorTransformer(families, memory=options.cache, n_jobs=options.jobs)
+    shapes = probes.fit_transform(basis.fit_transform(collection.meshes))
+    print(f"  {shapes[0].probes.shape[1]} probe functions per shape, {_since(started)}", flush=True)
+    return list(shapes)
+
+
+def _choose_folds(n_shapes: int, n_folds: int) -> list[int]:
+    """Return the shapes to leave out, spread over the collection; never the reference."""
+    if n_folds < 1:
+        raise ValueError(f"--folds must be at least 1; got {n_folds}.")
+    return [int(i) for i in np.unique(np.linspace(n_shapes - 1, 1, min(n_folds, n_shapes - 1)).round())]
+
+
+def _cross_validate(
+    shapes: list[ProbedShape],
+    truths: list[object],
+    left_out: list[int],
+    weighting: str | None,
+    options: argparse.Namespace,
+) -> _Result:
+    result = _Result({name: [] for name in _MATCHINGS}, [], [])
+    for i in left_out:
+        rest = [j for j in range(len(shapes)) if j != i]
+        learner = WeightedFunctionalMapLearner(
+            n_functions=options.functions, weighting=weighting, n_jobs=options.jobs, memory=options.cache
+        )
+        started = time.perf_counter()
+        learner.fit([shapes[j] for j in rest], [truths[j] for j in rest])
+        result.seconds.append(time.perf_counter() - started)
+        for name, how in _MATCHINGS.items():
+            result.errors[name] += learner.pair_errors([shapes[i]], [truths[i]], **how)
+        result.matches.extend(learner.match([shapes[i]]))
+    return result
+
+
+def _table(results: dict[str | None, _Result]) -> str:
+    """Return the table: weighting against error of full, reduced and soft maps."""
+    symmetric = all(e.symmetric is not None for result in results.values() for e in result.errors["full"])
+    kinds = ERROR_KINDS if symmetric else ERROR_KINDS[:1]
+    lines = ["Mean geodesic error over the shapes left out, x 100 / sqrt(area of the reference)"]
+    if symmetric:
+        lines.append(
+            "direct: nothing forgiven | consistent: better side for the whole map | per vertex: better side anywhere"
+        )
+    header = "".join(f"{name + ', ' + kind.replace('_', ' '):>22}" for name in _MATCHINGS for kind in kinds)
+    lines.append(f"{'weighting':<12}{'training s':>11}{header}")
+    for weighting, result in results.items():
+        means = [100 * np.mean([e.mean(kind) for e in result.errors[name]]) for name in _MATCHINGS for kind in kinds]
+        cells = "".join(f"{mean:>22.2f}" for mean in means)
+        lines.append(f"{weighting or 'none (D = I)':<12}{np.mean(result.seconds):>11.1f}{cells}")
+    return "\n".join(lines)
+
+
+def _save(
+    collection: Bunch, shapes: list[ProbedShape], left_out: list[int], result: _Result, options: argparse.Namespace
+) -> None:
+    picture, model = options.output / "matches.png", options.output / "model.joblib"
+    captions = [f"error {100 * errors.mean('direct'):.1f} % of sqrt(area)" for errors in result.errors["soft"]]
+    meshes = [collection.meshes[i] for i in left_out]
+    plot_matches(result.matches, meshes, collection.meshes[0], path=picture, up=options.up, captions=captions)
+    learner = WeightedFunctionalMapLearner(n_functions=options.functions, n_jobs=options.jobs)
+    joblib.dump(learner.fit(shapes, collection.correspondences), model)
+    print(f"\nPicture of the matches: {picture}\nModel trained on all {len(shapes)} shapes: {model}")
+
+
+def _since(started: float) -> str:
+    return f"{time.perf_counter() - started:.1f} s"
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,143 @@
+"""Checks at the package's boundary: arrays in, clean arrays or a clear error out."""
+
+import numbers
+from collections.abc import Collection, Sequence
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from skfmap._typing import FloatArray, IntArray
+from skfmap.exceptions import CorrespondenceError, MeshError
+
+__all__ = [
+    "check_choice",
+    "check_faces",
+    "check_index_range",
+    "check_number",
+    "check_pairs",
+    "check_samples",
+    "check_vertices",
+    "label",
+    "read_only",
+]
+
+
+def label(name: str | None, fallback: str = "mesh") -> str:
+    """Return how an error message refers to a shape."""
+    return fallback if name is None else f"{fallback} {name!r}"
+
+
+def read_only(array: npt.NDArray[Any]) -> npt.NDArray[Any]:
+    """Return a view of ``array`` that cannot be written to."""
+    view = array.view()
+    view.flags.writeable = False
+    return view
+
+
+def check_vertices(vertices: object, who: str) -> FloatArray:
+    """Return ``vertices`` as a private (n, 3) float array; NaN, infinity and emptiness are errors."""
+    try:
+        out = np.array(vertices, dtype=np.float64, order="C")
+    except (TypeError, ValueError) as error:
+        raise MeshError(f"The vertices of {who} are not numbers: {error}.") from error
+    if out.ndim != 2 or out.shape[1] != 3:
+        raise MeshError(f"The vertices of {who} must have shape (n_vertices, 3); got {out.shape}.")
+    if len(out) == 0:
+        raise MeshError(f"{who} has no vertices; leave it out of the collection.")
+    bad = np.flatnonzero(~np.isfinite(out).all(axis=1))
+    if len(bad):
+        raise MeshError(
+            f"{who} has {len(bad)} vertices with NaN or infinite coordinates, the first is vertex {bad[0]}; "
+            "mend or remove them (and renumber faces and correspondences) before loading."
+        )
+    return out
+
+
+def check_faces(faces: object, n_vertices: int, who: str) -> IntArray:
+    """Return ``faces`` as a private (n, 3) integer array whose entries are all vertex numbers."""
+    given = np.asarray(faces)
+    if given.ndim != 2 or given.shape[1] != 3:
+        raise MeshError(
+            f"The faces of {who} must be triangles, shape (n_faces, 3); got {given.shape}. Triangulate it first."
+        )
+    if len(given) == 0:
+        raise MeshError(f"{who} has no faces; skfmap needs triangle meshes, not point clouds.")
+    if not np.issubdtype(given.dtype, np.integer):
+        raise MeshError(f"The faces of {who} must be integers; got dtype {given.dtype}.")
+    out = np.array(given, dtype=np.int64, order="C")
+    check_index_range(out, n_vertices, f"The faces of {who}", MeshError)
+    return out
+
+
+def check_index_range(
+    index: IntArray, n_vertices: int, who: str, error: type[ValueError] = CorrespondenceError
+) -> None:
+    """Raise ``error`` unless all of ``index`` lies in ``0 .. n_vertices - 1``."""
+    if index.size == 0:
+        return
+    low, high = int(index.min()), int(index.max())
+    if low < 0 or high >= n_vertices:
+        wrong = low if low < 0 else high
+        raise error(
+            f"{who} refer to vertex {wrong}, but there are {n_vertices} vertices (0 to {n_vertices - 1}). "
+            "Indices are 0-based in memory; only .vts files count from 1."
+        )
+
+
+def check_pairs(pairs: object, who: str) -> IntArray:
+    """Return ``pairs`` as a private (n_pairs, 2) array of ``[vertex, template point]`` rows."""
+    given = np.asarray(pairs)
+    if given.ndim == 1:
+        raise TypeError(
+            f"{who} is one-dimensional, which can be read in two ways. Say which with "
+            "Correspondence.from_vertices(points), the template point of each vertex, or "
+            "Correspondence.from_template(vertices), the vertex of each template point (what .vts files hold)."
+        )
+    if given.ndim != 2 or given.shape[1] != 2:
+        raise CorrespondenceError(
+            f"{who} must have shape (n_pairs, 2), rows [vertex, template point]; got {given.shape}."
+        )
+    if not np.issubdtype(given.dtype, np.integer):
+        raise TypeError(f"{who} must hold integers; got dtype {given.dtype}. Convert it with .astype(int) if it does.")
+    out = np.array(given, dtype=np.int64, order="C")
+    if out.size and out.min() < 0:
+        raise CorrespondenceError(f"{who} holds the negative index {out.min()}; leave out pairs that are unknown.")
+    return out
+
+
+def check_number(
+    value: object, name: str, *, low: float, high: float = np.inf, integer: bool = False, strict: bool = False
+) -> Any:
+    """Return ``value`` if it is a number in ``[low, high]`` (``(low, high]`` when strict)."""
+    kind = numbers.Integral if integer else numbers.Real
+    what = "an integer" if integer else "a number"
+    if isinstance(value, (bool, np.bool_)) or not isinstance(value, kind):
+        raise TypeError(f"{name} must be {what}; got {value!r}.")
+    number = float(value)
+    if not (low <= number <= high) or (strict and number == low):
+        bound = f"{'above' if strict else 'at least'} {low:g}" + ("" if high == np.inf else f" and at most {high:g}")
+        raise ValueError(f"{name} must be {what} {bound}; got {value!r}.")
+    return value
+
+
+def check_choice(value: object, name: str, choices: Collection[object]) -> Any:
+    """Return ``value`` if it is one of ``choices``."""
+    if not any(value is c or (isinstance(value, str) and value == c) for c in choices):
+        raise ValueError(f"{name} must be one of {sorted(map(repr, choices))}; got {value!r}.")
+    return value
+
+
+def check_samples(X: object, what: str) -> Sequence[Any]:
+    """Return the samples of ``X`` as a list; one bare sample, a table and emptiness are errors."""
+    if isinstance(X, np.ndarray) and X.dtype != object:
+        raise TypeError(
+            f"X must be a sequence of {what}; got a numeric array of shape {X.shape}. "
+            "skfmap works on shapes, not on tables; see the quickstart."
+        )
+    if isinstance(X, (str, bytes, dict)) or not hasattr(X, "__iter__"):
+        raise TypeError(f"X must be a sequence of {what}; got one {type(X).__name__}. Wrap it in a list: [X].")
+    samples = list(X)
+    if not samples:
+        raise ValueError(f"X is empty; give at least one of: {what}.")
+    return samples

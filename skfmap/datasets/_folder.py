@@ -1,0 +1,176 @@
+"""Collections of shapes in a folder."""
+
+import re
+from pathlib import Path
+
+import numpy as np
+from sklearn.utils import Bunch
+
+from skfmap._typing import IntArray
+from skfmap.exceptions import CorrespondenceError
+from skfmap.io import MESH_SUFFIXES, read_mesh
+from skfmap.shapes import Correspondence, Mesh
+
+__all__ = ["load_collection"]
+
+
+def load_collection(folder: str | Path, pattern: str = "*", reference: str | None = None) -> Bunch:
+    """Load the meshes of a folder with their correspondences, the reference first.
+
+    For each mesh ``NAME.off`` (or .obj, .ply, .stl) the first of these that exists is read:
+
+    - ``NAME.vts``, and ``NAME.sym.vts`` if there is one: the vertex of each template point, one per line, counted
+      from 1, and the vertex of its symmetric counterpart (the format of the TOSCA remeshes);
+    - ``NAME.vertices.txt`` or ``.npy``: the template point of each vertex, counted from 0, -1 where unknown;
+    - ``NAME.template.txt`` or ``.npy``: the vertex of each template point, counted from 0, -1 where unknown;
+    - ``NAME.txt`` or ``.npy``: two columns, vertex and template point, counted from 0.
+
+    If no mesh has any of them and all meshes have the same faces, vertices correspond by their number.
+
+    Parameters
+    ----------
+    folder : str or Path
+        Where the meshes are.
+    pattern : str, default="*"
+        Which of them, by name without suffix: ``"cat*"``.
+    reference : str, optional
+        Name of the mesh to put first; the first in natural order (cat2 before cat10) by default.
+
+    Returns
+    -------
+    sklearn.utils.Bunch
+        ``meshes`` (list of Mesh), ``correspondences`` (list of Correspondence), ``names`` (list of str), and ``DESCR``.
+
+    Raises
+    ------
+    FileNotFoundError
+        If the folder does not exist or holds no such mesh.
+    CorrespondenceError
+        If a mesh has no correspondences, or they do not fit it.
+    MeshError
+        If a mesh cannot be read.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> from skfmap.datasets import load_collection, make_sphere
+    >>> from skfmap.io import write_mesh
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     for name in ("ball10", "ball2"):
+    ...         write_mesh(make_sphere(n_subdivisions=1), f"{folder}/{name}.off")
+    ...     load_collection(folder).names
+    ['ball2', 'ball10']
+    """
+    folder = Path(folder)
+    if not folder.is_dir():
+        raise FileNotFoundError(f"There is no folder {folder}.")
+    paths = _mesh_paths(folder, pattern, reference)
+    meshes = [read_mesh(path) for path in paths]
+    found = [_read_correspondence(path, mesh) for path, mesh in zip(paths, meshes, strict=True)]
+    names = [path.stem for path in paths]
+    if all(truth is None for truth in found):
+        how, correspondences = "vertices correspond by number", _by_vertex_number(meshes, folder)
+    else:
+        how = "correspondences read beside the meshes"
+        correspondences = _all_found(found, names, folder)
+    return Bunch(
+        meshes=meshes,
+        correspondences=correspondences,
+        names=names,
+        DESCR=f"{len(meshes)} meshes of {folder}, reference {names[0]!r}; {how}.",
+    )
+
+
+def _mesh_paths(folder: Path, pattern: str, reference: str | None) -> list[Path]:
+    paths = sorted((p for p in folder.glob(pattern + ".*") if p.suffix.lower() in MESH_SUFFIXES), key=_natural)
+    if not paths:
+        raise FileNotFoundError(f"{folder} has no mesh {pattern!r} with suffix {', '.join(MESH_SUFFIXES)}.")
+    stems = [path.stem for path in paths]
+    twice = sorted({stem for stem in stems if stems.count(stem) > 1})
+    if twice:
+        raise ValueError(f"{folder} holds {twice} in more than one format; keep one, so that names are unique.")
+    if reference is None:
+        return paths
+    if reference not in stems:
+        raise ValueError(f"reference={reference!r} is not among the meshes found: {stems}.")
+    first = stems.index(reference)
+    return [paths[first], *paths[:first], *paths[first + 1 :]]
+
+
+def _natural(path: Path) -> list[tuple[int, int | str]]:
+    parts = re.split(r"(\d+)", path.name)
+    return [(0, int(part)) if part.isdigit() else (1, part) for part in parts]
+
+
+def _read_correspondence(path: Path, mesh: Mesh) -> Correspondence | None:
+    if (vts := path.with_suffix(".vts")).is_file():
+        sym = path.with_suffix(".sym.vts")
+        symmetric = _read_vts(sym, mesh) if sym.is_file() else None
+        return Correspondence.from_template(_read_vts(vts, mesh), symmetric)
+    for kind in ("vertices", "template", "pairs"):
+        stem = path.stem if kind == "pairs" else f"{path.stem}.{kind}"
+        for suffix in (".npy", ".txt"):
+            if (file := path.with_name(stem + suffix)).is_file():
+                return _of_kind(kind, _read_integers(file), file, mesh)
+    return None
+
+
+def _read_vts(path: Path, mesh: Mesh) -> IntArray:
+    indices = _read_integers(path)
+    if indices.ndim != 1 or indices.min() < 1 or indices.max() > mesh.n_vertices:
+        raise CorrespondenceError(
+            f"{path} must hold one vertex per line, counted from 1 up to {mesh.n_vertices}; got shape {indices.shape}, "
+            f"values {indices.min()} to {indices.max()}."
+        )
+    return indices - 1
+
+
+def _read_integers(path: Path) -> IntArray:
+    try:
+        values = np.load(path, allow_pickle=False) if path.suffix == ".npy" else np.loadtxt(path)
+    except (ValueError, OSError, EOFError) as error:
+        raise CorrespondenceError(f"{path} cannot be read as numbers: {error}.") from error
+    if values.size == 0:
+        raise CorrespondenceError(f"{path} is empty.")
+    whole = values.astype(np.int64)
+    if not np.array_equal(whole, values):
+        raise CorrespondenceError(f"{path} must hold whole numbers.")
+    return whole
+
+
+def _of_kind(kind: str, values: IntArray, path: Path, mesh: Mesh) -> Correspondence:
+    if kind == "pairs":
+        if values.ndim != 2 or values.shape[1] != 2:
+            raise CorrespondenceError(
+                f"{path} must have two columns, vertex and template point; got shape {values.shape}. Name a file of "
+                f"one column {path.stem}.vertices{path.suffix} (template point of each vertex) or "
+                f"{path.stem}.template{path.suffix} (vertex of each template point)."
+            )
+        return Correspondence(values)
+    if kind == "template":
+        return Correspondence.from_template(values)
+    if values.shape != (mesh.n_vertices,):
+        raise CorrespondenceError(
+            f"{path} must hold one template point for each of {mesh.n_vertices} vertices; got shape {values.shape}."
+        )
+    return Correspondence.from_vertices(values)
+
+
+def _by_vertex_number(meshes: list[Mesh], folder: Path) -> list[Correspondence]:
+    for mesh in meshes[1:]:
+        if not np.array_equal(mesh.faces, meshes[0].faces):
+            raise CorrespondenceError(
+                f"{folder} has no correspondence files, and {mesh.name!r} has other faces than {meshes[0].name!r}, so "
+                "that vertices do not correspond by number. Put a file beside each mesh; load_collection says which."
+            )
+    return [Correspondence.from_vertices(np.arange(mesh.n_vertices)) for mesh in meshes]
+
+
+def _all_found(found: list[Correspondence | None], names: list[str], folder: Path) -> list[Correspondence]:
+    missing = [name for name, truth in zip(names, found, strict=True) if truth is None]
+    if missing:
+        raise CorrespondenceError(
+            f"{folder} has correspondence files for some meshes, but none for {missing}; add them, or choose meshes "
+            "with `pattern`."
+        )
+    return [truth for truth in found if truth is not None]

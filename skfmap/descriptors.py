@@ -1,0 +1,525 @@
+"""Probe functions: the paper's nine families, and the oriented one that tells left from right."""
+
+from abc import ABC, abstractmethod
+from collections.abc import Sequence
+from itertools import combinations
+from typing import Any, Self
+
+import numpy as np
+from sklearn.base import BaseEstimator, TransformerMixin, clone
+from sklearn.utils import Tags
+from sklearn.utils.metaestimators import _BaseComposition
+from sklearn.utils.validation import check_memory
+
+from skfmap._parallel import map_shapes
+from skfmap._typing import FloatArray
+from skfmap._validation import check_choice, check_number, check_samples, label
+from skfmap.exceptions import MeshError
+from skfmap.functional.projection import diffuse, project
+from skfmap.functional.signatures import heat_kernel_signature, wave_kernel_signature
+from skfmap.geometry.curvature import clip_by_area, gaussian_curvature, log_magnitude, mean_curvature
+from skfmap.geometry.oriented import integrated_oriented_products
+from skfmap.geometry.saliency import mesh_saliency
+from skfmap.shapes import ProbedShape, SpectralShape
+
+__all__ = [
+    "DescriptorTransformer",
+    "DiffusedCurvature",
+    "HeatKernelSignature",
+    "MeshSaliency",
+    "OrientedProducts",
+    "ProbeFamily",
+    "WaveKernelSignature",
+    "default_families",
+    "paper_families",
+]
+
+
+class ProbeFamily(BaseEstimator, ABC):
+    """A family of probe functions; derive from it to add one.
+
+    A family is stateless: its scales are constants on shapes of unit area, so that a probe means the same on every
+    shape. Subclasses store parameters in ``__init__`` and implement `check_parameters`, `labels` and `coefficients`.
+    """
+
+    @abstractmethod
+    def check_parameters(self) -> None:
+        """Raise ValueError or TypeError for a parameter that cannot be used."""
+
+    @abstractmethod
+    def labels(self) -> list[str]:
+        """Return what tells the functions of the family apart, one label each."""
+
+    @abstractmethod
+    def coefficients(self, shape: SpectralShape) -> FloatArray:
+        """Return the raw coefficients of the functions, shape (n_components, n_functions)."""
+
+    def fit(self, X: Sequence[SpectralShape], y: object = None) -> Self:  # noqa: ARG002
+        """Check the parameters; nothing is learned."""
+        self.check_parameters()
+        return self
+
+    def transform(self, X: Sequence[SpectralShape]) -> list[FloatArray]:
+        """Return the coefficients of the functions on each shape, each of shape (n_components, n_functions)."""
+        self.check_parameters()
+        return [self.coefficients(shape) for shape in check_samples(X, "spectral shapes")]
+
+    def __sklearn_is_fitted__(self) -> bool:
+        """Return True: there is no state."""
+        return True
+
+    def __sklearn_tags__(self) -> Tags:
+        """Return tags that say that samples are no rows of a table."""
+        tags = super().__sklearn_tags__()
+        tags.input_tags.two_d_array = False
+        tags.requires_fit = False
+        return tags
+
+
+class HeatKernelSignature(ProbeFamily):
+    """Heat kernel signature (Sun, Ovsjanikov, Guibas 2009).
+
+    Parameters
+    ----------
+    n_functions : int, default=5
+        Number of times, in geometric progression.
+    t_min, t_max : float, default=0.01, 1.0
+        First and last time on the shape of unit area. The paper leaves them open; there, 0.01 sees details of about
+        0.15 sqrt(area), and at 1 only the slowest functions are left.
+    """
+
+    def __init__(self, n_functions: int = 5, *, t_min: float = 0.01, t_max: float = 1.0) -> None:
+        self.n_functions = n_functions
+        self.t_min = t_min
+        self.t_max = t_max
+
+    def check_parameters(self) -> None:
+        """Raise for parameters that cannot be used."""
+        _check_range(self.n_functions, self.t_min, self.t_max, "t_min", "t_max")
+
+    def labels(self) -> list[str]:
+        """Return the times."""
+        return [f"t={t:.3g}" for t in self._times()]
+
+    def coefficients(self, shape: SpectralShape) -> FloatArray:
+        """Return the coefficients, shape (n_components, n_functions)."""
+        return project(heat_kernel_signature(shape.evals, shape.evecs, self._times()), shape.evecs, shape.mass)
+
+    def _times(self) -> FloatArray:
+        return np.geomspace(self.t_min, self.t_max, self.n_functions)
+
+
+class WaveKernelSignature(ProbeFamily):
+    """Wave kernel signature (Aubry, Schlickewei, Cremers 2011) at one variance.
+
+    Parameters
+    ----------
+    n_functions : int, default=5
+        Number of energies, in geometric progression.
+    sigma : float, default=0.3
+        Standard deviation in log eigenvalue; independent of the number of energies, unlike the authors' rule, which
+        breaks down below 28 of them. The paper's three variances are pinned at 0.1, 0.3 and 0.6.
+    lambda_min, lambda_max : float, default=5, 400
+        Eigenvalues at unit area that the first and the last energy sit at.
+    """
+
+    def __init__(
+        self, n_functions: int = 5, *, sigma: float = 0.3, lambda_min: float = 5.0, lambda_max: float = 400.0
+    ) -> None:
+        self.n_functions = n_functions
+        self.sigma = sigma
+        self.lambda_min = lambda_min
+        self.lambda_max = lambda_max
+
+    def check_parameters(self) -> None:
+        """Raise for parameters that cannot be used."""
+        _check_range(self.n_functions, self.lambda_min, self.lambda_max, "lambda_min", "lambda_max")
+        check_number(self.sigma, "sigma", low=0, strict=True)
+
+    def labels(self) -> list[str]:
+        """Return the energies, as eigenvalues."""
+        return [f"lambda={e:.3g}" for e in self._energies()]
+
+    def coefficients(self, shape: SpectralShape) -> FloatArray:
+        """Return the coefficients, shape (n_components, n_functions)."""
+        values = wave_kernel_signature(shape.evals, shape.evecs, np.log(self._energies()), self.sigma)
+        return project(values, shape.evecs, shape.mass)
+
+    def _energies(self) -> FloatArray:
+        return np.geomspace(self.lambda_min, self.lambda_max, self.n_functions)
+
+
+class DiffusedCurvature(ProbeFamily):
+    """Gaussian or mean curvature, made a family of functions by heat diffusion at several times (section 5.1).
+
+    Parameters
+    ----------
+    kind : {"gaussian", "mean"}, default="gaussian"
+        Gaussian curvature is the angle defect per area; mean curvature is positive where the surface is convex.
+    logarithm : bool, default=False
+        Whether to diffuse the logarithm of the absolute value, which puts more weight on flat areas.
+    n_functions : int, default=5
+        Number of diffusion times, in geometric progression.
+    t_min, t_max : float, default=1e-3, 0.1
+        First and last time on the shape of unit area. Diffusion is exact in the basis: coefficients decay as
+        exp(-t lambda).
+    percentile : float, default=2
+        The initial function is clipped to its area-weighted percentiles ``percentile`` and ``100 - percentile``.
+    floor : float, default=1
+        With ``logarithm``: curvature magnitude at unit area below which the logarithm stays flat; about the 1st
+        percentile of |Gaussian| and the 5th of |mean| curvature on a TOSCA cat.
+    """
+
+    def __init__(
+        self,
+        kind: str = "gaussian",
+        *,
+        logarithm: bool = False,
+        n_functions: int = 5,
+        t_min: float = 1e-3,
+        t_max: float = 0.1,
+        percentile: float = 2.0,
+        floor: float = 1.0,
+    ) -> None:
+        self.kind = kind
+        self.logarithm = logarithm
+        self.n_functions = n_functions
+        self.t_min = t_min
+        self.t_max = t_max
+        self.percentile = percentile
+        self.floor = floor
+
+    def check_parameters(self) -> None:
+        """Raise for parameters that cannot be used."""
+        check_choice(self.kind, "kind", ("gaussian", "mean"))
+        _check_range(self.n_functions, self.t_min, self.t_max, "t_min", "t_max")
+        check_number(self.percentile, "percentile", low=0, high=49)
+        check_number(self.floor, "floor", low=0, strict=True)
+
+    def labels(self) -> list[str]:
+        """Return the diffusion times."""
+        return [f"t={t:.3g}" for t in self._times()]
+
+    def coefficients(self, shape: SpectralShape) -> FloatArray:
+        """Return the coefficients, shape (n_components, n_functions)."""
+        curvature = _gaussian_curvature(shape) if self.kind == "gaussian" else _mean_curvature(shape)
+        values = log_magnitude(curvature, self.floor) if self.logarithm else curvature
+        initial = clip_by_area(values, shape.mass, self.percentile)
+        return diffuse(project(initial, shape.evecs, shape.mass), shape.evals, self._times())
+
+    def _times(self) -> FloatArray:
+        return np.geomspace(self.t_min, self.t_max, self.n_functions)
+
+
+class MeshSaliency(ProbeFamily):
+    """Mesh saliency (Lee, Varshney, Jacobs 2005): how mean curvature differs between two scales.
+
+    Parameters
+    ----------
+    n_functions : int, default=10
+        Number of scales sigma, in geometric progression; each compares sigma with 2 sigma.
+    sigma_min, sigma_max : float, default=0.025, 0.1
+        Smallest and largest scale in units of sqrt(area), measured along the surface (Lee's fraction of the bounding
+        box depends on the pose). 0.025 is 1.5 mean edges of a mesh of 5,000 vertices.
+    percentile : float, default=2
+        Area-weighted percentiles that the mean curvature is clipped to first.
+    """
+
+    def __init__(
+        self, n_functions: int = 10, *, sigma_min: float = 0.025, sigma_max: float = 0.1, percentile: float = 2.0
+    ) -> None:
+        self.n_functions = n_functions
+        self.sigma_min = sigma_min
+        self.sigma_max = sigma_max
+        self.percentile = percentile
+
+    def check_parameters(self) -> None:
+        """Raise for parameters that cannot be used."""
+        _check_range(self.n_functions, self.sigma_min, self.sigma_max, "sigma_min", "sigma_max")
+        check_number(self.percentile, "percentile", low=0, high=49)
+
+    def labels(self) -> list[str]:
+        """Return the scales."""
+        return [f"sigma={s:.3g}" for s in self._scales()]
+
+    def coefficients(self, shape: SpectralShape) -> FloatArray:
+        """Return the coefficients, shape (n_components, n_functions)."""
+        curvature = clip_by_area(_mean_curvature(shape), shape.mass, self.percentile)
+        values = mesh_saliency(curvature, shape.stiffness, shape.mass, self._scales())
+        return project(values, shape.evecs, shape.mass)
+
+    def _scales(self) -> FloatArray:
+        return np.geomspace(self.sigma_min, self.sigma_max, self.n_functions)
+
+
+class OrientedProducts(ProbeFamily):
+    """Products <grad f x grad g, n> of pairs of signatures: they change sign under a reflection.
+
+    The probes of the paper do not change under a shape's left-right symmetry, and so cannot tell left from right. These
+    do, once the faces are wound outwards. As an operator this is the orientation term of Ren et al. 2018.
+
+    Parameters
+    ----------
+    n_sources : int, default=11
+        Number of signatures that are paired, each with each other: 11 give 55 functions.
+    sigma : float, default=0.3
+        Standard deviation of the wave kernel signatures, in log eigenvalue.
+    lambda_min, lambda_max : float, default=5, 400
+        Eigenvalues at unit area that the first and the last energy sit at.
+    """
+
+    def __init__(
+        self, n_sources: int = 11, *, sigma: float = 0.3, lambda_min: float = 5.0, lambda_max: float = 400.0
+    ) -> None:
+        self.n_sources = n_sources
+        self.sigma = sigma
+        self.lambda_min = lambda_min
+        self.lambda_max = lambda_max
+
+    def check_parameters(self) -> None:
+        """Raise for parameters that cannot be used."""
+        _check_range(self.n_sources, self.lambda_min, self.lambda_max, "lambda_min", "lambda_max", least=2)
+        check_number(self.sigma, "sigma", low=0, strict=True)
+
+    def labels(self) -> list[str]:
+        """Return the pairs of energies."""
+        return [f"lambda={a:.3g}x{b:.3g}" for a, b in combinations(self._energies(), 2)]
+
+    def coefficients(self, shape: SpectralShape) -> FloatArray:
+        """Return the coefficients, shape (n_components, n_functions)."""
+        if not shape.oriented:
+            raise MeshError(
+                f"The faces of {label(shape.name)} cannot be wound consistently, so it has no left and right; mend "
+                "its non-manifold edges, or use DescriptorTransformer('paper')."
+            )
+        sources = wave_kernel_signature(shape.evals, shape.evecs, np.log(self._energies()), self.sigma)
+        first, second = np.array(list(combinations(range(self.n_sources), 2))).T
+        integrals = integrated_oriented_products(sources[:, first], sources[:, second], shape.mesh.faces)
+        return np.asarray(shape.evecs.T @ integrals)
+
+    def _energies(self) -> FloatArray:
+        return np.geomspace(self.lambda_min, self.lambda_max, self.n_sources)
+
+
+def paper_families(n_functions: int = 5) -> list[tuple[str, ProbeFamily]]:
+    """Return the nine families of section 5.1: ``n_functions`` each, twice as many of saliency.
+
+    5 gives the 50 probes of section 5.2, 31 the 310 of section 5.3.
+    """
+    return [
+        ("hks", HeatKernelSignature(n_functions)),
+        ("wks_narrow", WaveKernelSignature(n_functions, sigma=0.1)),
+        ("wks_medium", WaveKernelSignature(n_functions, sigma=0.3)),
+        ("wks_wide", WaveKernelSignature(n_functions, sigma=0.6)),
+        ("gaussian_curvature", DiffusedCurvature("gaussian", n_functions=n_functions)),
+        ("mean_curvature", DiffusedCurvature("mean", n_functions=n_functions)),
+        ("log_gaussian_curvature", DiffusedCurvature("gaussian", logarithm=True, n_functions=n_functions)),
+        ("log_mean_curvature", DiffusedCurvature("mean", logarithm=True, n_functions=n_functions)),
+        ("saliency", MeshSaliency(2 * n_functions)),
+    ]
+
+
+def default_families() -> list[tuple[str, ProbeFamily]]:
+    """Return the paper's nine families and the oriented one."""
+    return [*paper_families(), ("oriented", OrientedProducts())]
+
+
+_SHORTHANDS = {"paper": lambda: paper_families(5), "paper-310": lambda: paper_families(31)}
+
+
+class DescriptorTransformer(TransformerMixin, _BaseComposition, auto_wrap_output_keys=None):  # type: ignore[call-arg]
+    """Compute the probe functions of each shape, as raw coefficients in its basis.
+
+    Parameters
+    ----------
+    families : list of (str, ProbeFamily), {"paper", "paper-310"}, or None
+        Named families, as in FeatureUnion; parameters are reachable as ``name__parameter``. None is
+        `default_families` (the paper's nine and the oriented one: 105 functions), ``"paper"`` the paper's nine alone
+        (50 functions), ``"paper-310"`` the 310 of section 5.3.
+    memory : str or joblib.Memory, optional
+        Where results are cached, by mesh content and parameters.
+    n_jobs : int, optional
+        Shapes at a time; see joblib.
+    verbose : int, default=0
+        Verbosity of joblib's progress.
+
+    See Also
+    --------
+    SpectralBasis : The step before.
+    WeightedFunctionalMapLearner : The next step; it centres and normalises the columns.
+
+    Notes
+    -----
+    Stateless. All scales are constants on shapes of unit area. The name of a family is the category of its functions.
+
+    Examples
+    --------
+    >>> from skfmap import DescriptorTransformer, SpectralBasis
+    >>> from skfmap.datasets import make_sphere
+    >>> shapes = SpectralBasis(n_components=20).transform([make_sphere(n_subdivisions=3)])
+    >>> transformer = DescriptorTransformer("paper").set_params(hks__n_functions=3)
+    >>> transformer.transform(shapes)[0].probes.shape
+    (20, 48)
+    >>> transformer.get_feature_names_out()[:3].tolist()
+    ['hks[t=0.01]', 'hks[t=0.1]', 'hks[t=1]']
+    """
+
+    def __init__(
+        self,
+        families: list[tuple[str, ProbeFamily]] | str | None = None,
+        *,
+        memory: Any = None,
+        n_jobs: int | None = None,
+        verbose: int = 0,
+    ) -> None:
+        self.families = families
+        self.memory = memory
+        self.n_jobs = n_jobs
+        self.verbose = verbose
+
+    def fit(self, X: Sequence[SpectralShape], y: object = None) -> Self:  # noqa: ARG002
+        """Check the parameters and the shapes; nothing is learned.
+
+        Parameters
+        ----------
+        X : sequence of SpectralShape
+            From `SpectralBasis`.
+        y : ignored
+            For scikit-learn's interface.
+
+        Returns
+        -------
+        DescriptorTransformer
+            Itself.
+        """
+        self._checked_families()
+        _check_spectral(X)
+        return self
+
+    def transform(self, X: Sequence[SpectralShape]) -> list[ProbedShape]:
+        """Compute the probe functions of each shape.
+
+        Parameters
+        ----------
+        X : sequence of SpectralShape
+            From `SpectralBasis`.
+
+        Returns
+        -------
+        list of ProbedShape
+            Raw coefficients, in the order of ``X``.
+
+        Raises
+        ------
+        MeshError
+            If oriented probes are asked for on a surface that has no consistent winding.
+        """
+        families = self._checked_families()
+        shapes = _check_spectral(X)
+        names, categories = tuple(self.get_feature_names_out()), tuple(self.probe_categories_)
+        arrays = map_shapes(
+            _coefficients,
+            ((shape, [family for _, family in families], self.memory) for shape in shapes),
+            n_jobs=self.n_jobs,
+            verbose=self.verbose,
+        )
+        return [ProbedShape(s, probes, names, categories) for s, probes in zip(shapes, arrays, strict=True)]
+
+    def get_feature_names_out(self, input_features: object = None) -> Any:  # noqa: ARG002
+        """Return the names of the probe functions, ``family[label]``; an object array of shape (n_probes,)."""
+        families = self._checked_families()
+        return np.array([f"{name}[{text}]" for name, family in families for text in family.labels()], dtype=object)
+
+    @property
+    def probe_categories_(self) -> Any:
+        """Family of each probe function; an object array of shape (n_probes,)."""
+        families = self._checked_families()
+        return np.array([name for name, family in families for _ in family.labels()], dtype=object)
+
+    def get_params(self, deep: bool = True) -> dict[str, Any]:
+        """Return the parameters; with ``deep`` those of the families too, as ``name__parameter``."""
+        params: dict[str, Any] = super().get_params(deep=False)
+        if deep:
+            for name, family in self._resolved():
+                params[name] = family
+                params.update({f"{name}__{key}": value for key, value in family.get_params().items()})
+        return params
+
+    def set_params(self, **params: Any) -> Self:
+        """Set parameters; ``name__parameter`` reaches into a family and turns a shorthand into its list of families."""
+        own = {key: params.pop(key) for key in list(params) if key in self.get_params(deep=False)}
+        super().set_params(**own)
+        if params:
+            self.families = [(name, clone(family)) for name, family in self._resolved()]
+            self._set_params("families", **params)
+        return self
+
+    def _resolved(self) -> list[tuple[str, ProbeFamily]]:
+        """Return the list that ``families`` stands for, or nothing if it is not usable."""
+        if self.families is None:
+            return default_families()
+        if isinstance(self.families, str):
+            return _SHORTHANDS[self.families]() if self.families in _SHORTHANDS else []
+        return self.families
+
+    def _checked_families(self) -> list[tuple[str, ProbeFamily]]:
+        if isinstance(self.families, str) and self.families not in _SHORTHANDS:
+            raise ValueError(f"families must be None, a list, or one of {sorted(_SHORTHANDS)}; got {self.families!r}.")
+        families = self._resolved()
+        if not families:
+            raise ValueError("families is empty; give at least one (name, family) pair.")
+        for name, family in families:
+            if not isinstance(family, ProbeFamily):
+                raise TypeError(f"Family {name!r} must be a ProbeFamily; got {type(family).__name__}.")
+            family.check_parameters()
+        self._validate_names([name for name, _ in families])
+        return families
+
+    def __sklearn_is_fitted__(self) -> bool:
+        """Return True: there is no state."""
+        return True
+
+    def __sklearn_tags__(self) -> Tags:
+        """Return tags that say that samples are no rows of a table."""
+        tags = super().__sklearn_tags__()
+        tags.input_tags.two_d_array = False
+        tags.requires_fit = False
+        return tags
+
+
+def _coefficients(shape: SpectralShape, families: list[ProbeFamily], memory: Any) -> FloatArray:
+    cached = check_memory(memory).cache(_stacked, ignore=["shape"])
+    # The last eigenvalue tells bases of one mesh apart that differ in their Laplacian.
+    return np.asarray(cached(shape, families, shape.mesh.content_hash, shape.n_components, float(shape.evals[-1])))
+
+
+def _stacked(shape: SpectralShape, families: list[ProbeFamily], *key: object) -> FloatArray:  # noqa: ARG001
+    return np.column_stack([family.coefficients(shape) for family in families])
+
+
+def _check_spectral(X: object) -> Sequence[SpectralShape]:
+    if isinstance(X, SpectralShape):
+        raise TypeError("X must be a sequence of spectral shapes, but it is one; wrap it in a list: [X].")
+    shapes = check_samples(X, "spectral shapes")
+    for i, shape in enumerate(shapes):
+        if not isinstance(shape, SpectralShape):
+            raise TypeError(
+                f"X[{i}] is a {type(shape).__name__}, not a SpectralShape; put SpectralBasis before this step."
+            )
+    return shapes
+
+
+def _gaussian_curvature(shape: SpectralShape) -> FloatArray:
+    return gaussian_curvature(shape.mesh.vertices, shape.mesh.faces, shape.mass)
+
+
+def _mean_curvature(shape: SpectralShape) -> FloatArray:
+    return mean_curvature(shape.vertices, shape.mesh.faces, shape.stiffness, shape.mass)
+
+
+def _check_range(n: object, low: object, high: object, low_name: str, high_name: str, *, least: int = 1) -> None:
+    check_number(n, "the number of functions", low=least, integer=True)
+    check_number(low, low_name, low=0, strict=True)
+    check_number(high, high_name, low=0, strict=True)
+    if float(high) < float(low):  # type: ignore[arg-type]
+        raise ValueError(f"{high_name} must be at least {low_name}; got {high} and {low}.")

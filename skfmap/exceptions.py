@@ -1,0 +1,19 @@
+"""Errors and warnings that skfmap raises; each message names the shape, the fault and the remedy."""
+
+__all__ = ["CorrespondenceError", "CoverageWarning", "MeshError", "OrientationWarning"]
+
+
+class MeshError(ValueError):
+    """A mesh cannot be used as it is; the message says which, why and what to do."""
+
+
+class CorrespondenceError(ValueError):
+    """Correspondences do not fit their shape, or two shapes share no template point."""
+
+
+class CoverageWarning(UserWarning):
+    """Correspondences determine only a part of a ground-truth functional map."""
+
+
+class OrientationWarning(UserWarning):
+    """It cannot be told which side of a mesh is its outside."""

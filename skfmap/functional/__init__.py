@@ -1,0 +1,44 @@
+"""Kernels on arrays in a basis: functional maps, their learning, and stable functions. Needs numpy and scipy only."""
+
+from skfmap.functional.eigenbasis import laplacian_eigenbasis
+from skfmap.functional.embedding import spectral_embeddings
+from skfmap.functional.fmap import RowSystems, solve_functional_map
+from skfmap.functional.ground_truth import GroundTruth, map_from_pairs
+from skfmap.functional.learning import LearnedMaps, learn_functional_maps
+from skfmap.functional.norm import epsilon_by_rule, rank_norm, rank_norm_and_gradient
+from skfmap.functional.normalization import scale_by
+from skfmap.functional.objective import LearningProblem
+from skfmap.functional.optimize import Optimum, optimize_weights
+from skfmap.functional.projection import diffuse, project
+from skfmap.functional.regularization import laplacian_mask, penalty_of
+from skfmap.functional.signatures import heat_kernel_signature, wave_kernel_signature
+from skfmap.functional.stable_basis import basis_error, stability_weights, stable_basis
+from skfmap.functional.weighting import weight_groups
+
+__all__ = [
+    "GroundTruth",
+    "LearnedMaps",
+    "LearningProblem",
+    "Optimum",
+    "RowSystems",
+    "basis_error",
+    "diffuse",
+    "epsilon_by_rule",
+    "heat_kernel_signature",
+    "laplacian_eigenbasis",
+    "laplacian_mask",
+    "learn_functional_maps",
+    "map_from_pairs",
+    "optimize_weights",
+    "penalty_of",
+    "project",
+    "rank_norm",
+    "rank_norm_and_gradient",
+    "scale_by",
+    "solve_functional_map",
+    "spectral_embeddings",
+    "stability_weights",
+    "stable_basis",
+    "wave_kernel_signature",
+    "weight_groups",
+]

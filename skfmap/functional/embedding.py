@@ -1,0 +1,33 @@
+"""Where points lie among the stable functions: what nearest neighbours are taken in."""
+
+import numpy as np
+
+from skfmap._typing import FloatArray
+
+__all__ = ["spectral_embeddings"]
+
+
+def spectral_embeddings(
+    evecs_i: FloatArray, evecs_0: FloatArray, C: FloatArray, functions: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Return the points of S_i and of S_0 in the space of the given functions.
+
+    A function f on S_0 is known on S_i as C f, and (C f)(x) = f(T x): a point x of S_i and its image T x have the same
+    values. So the point map T, from S_i to S_0, takes each row of the first array to the nearest row of the second.
+    This holds for any C and needs no mass matrix.
+
+    Parameters
+    ----------
+    evecs_i, evecs_0 : ndarray of shape (n_vertices_i, k), ndarray of shape (n_vertices_0, k)
+        Eigenfunctions.
+    C : ndarray of shape (k, k)
+        Functional map, from functions on S_0 to functions on S_i.
+    functions : ndarray of shape (k, p)
+        Coefficients of functions on S_0: Y_p, or Y times weights.
+
+    Returns
+    -------
+    points_i, points_0 : ndarray of shape (n_vertices_i, p), ndarray of shape (n_vertices_0, p)
+        Phi_i C Y and Phi_0 Y.
+    """
+    return np.asarray(evecs_i @ (C @ functions)), np.asarray(evecs_0 @ functions)

@@ -1,0 +1,168 @@
+"""The paper's pipeline (figure 2, top) on arrays: from probe functions and known maps to weights and stable basis."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from skfmap._typing import FloatArray
+from skfmap.functional.norm import epsilon_by_rule
+from skfmap.functional.normalization import scale_by
+from skfmap.functional.objective import LearningProblem
+from skfmap.functional.optimize import Optimum, optimize_weights
+from skfmap.functional.regularization import Regularizer, penalty_of
+from skfmap.functional.stable_basis import stable_basis
+from skfmap.functional.weighting import WEIGHTINGS, weight_groups
+
+__all__ = ["LearnedMaps", "learn_functional_maps"]
+
+
+@dataclass(frozen=True, eq=False)
+class LearnedMaps:
+    """What is learned from known functional maps.
+
+    Attributes
+    ----------
+    weights : ndarray of shape (m,)
+        Diagonal of D.
+    stable_basis : ndarray of shape (k, k)
+        Y, most stable function first.
+    stability : ndarray of shape (k,)
+        Singular values that go with Y, ascending.
+    epsilon : float
+        Of the norm (4).
+    maps : ndarray of shape (N, k, k)
+        X_i(D) on the training shapes.
+    optimum : Optimum
+        How the weights were reached.
+    """
+
+    weights: FloatArray
+    stable_basis: FloatArray
+    stability: FloatArray
+    epsilon: float
+    maps: FloatArray
+    optimum: Optimum
+
+
+def learn_functional_maps(
+    probes_0: FloatArray,
+    probes: FloatArray,
+    evals_0: FloatArray,
+    evals: FloatArray,
+    maps: FloatArray,
+    *,
+    weighting: str | None = "function",
+    categories: Sequence[str] | None = None,
+    epsilon: float | str = "auto",
+    alpha: float = 1e-2,
+    regularizer: str | Regularizer = "laplacian",
+    normalize: str = "shape",
+    sample_weight: FloatArray | None = None,
+    max_iter: int = 1000,
+    tol: float = 1e-5,
+    callback: Callable[[int, float], None] | None = None,
+) -> LearnedMaps:
+    """Learn weights D and stable basis Y from known functional maps; no points are needed.
+
+    Parameters
+    ----------
+    probes_0 : ndarray of shape (k, m)
+        Raw coefficients of the probe functions on the reference S_0.
+    probes : ndarray of shape (N, k, m)
+        The same on the training shapes S_i.
+    evals_0, evals : ndarray of shape (k,), ndarray of shape (N, k)
+        Laplacian eigenvalues at unit area.
+    maps : ndarray of shape (N, k, k)
+        Known functional maps C_i, from functions on S_0 to functions on S_i.
+    weighting : {"function", "category", "unique"} or None
+        Which probes share a weight; None keeps D = I.
+    categories : sequence of str, optional
+        Category of each probe; needed for ``weighting="category"``.
+    epsilon : float or "auto"
+        Of the norm (4); "auto" is the paper's 80 percent rule.
+    alpha : float
+        Strength of the regulariser.
+    regularizer : "laplacian" or callable
+        Deformation model, ``(evals_i, evals_0) -> W`` of shape (k, k).
+    normalize : {"shape", "reference"}
+        Whose norms scale the probe columns.
+    sample_weight : ndarray of shape (N,), optional
+        Share of each training shape in equation (3) and in Y.
+    max_iter, tol : int, float
+        Of the optimiser.
+    callback : callable, optional
+        Called with iteration and loss.
+
+    Returns
+    -------
+    LearnedMaps
+        Weights, stable basis and how they were reached.
+
+    Raises
+    ------
+    ValueError
+        If the arrays do not fit each other, or a choice is unknown.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from skfmap.functional import learn_functional_maps
+    >>> rng = np.random.default_rng(0)
+    >>> probes_0, evals = rng.standard_normal((6, 16)), np.arange(6.0)
+    >>> noisy = probes_0 + np.where(np.arange(16) < 8, 0.01, 3) * rng.standard_normal((5, 6, 16))
+    >>> learned = learn_functional_maps(
+    ...     probes_0, noisy, evals, np.tile(evals, (5, 1)), np.tile(np.eye(6), (5, 1, 1)), alpha=0.1)
+    >>> bool(learned.weights[:8].min() > learned.weights[8:].max())
+    True
+    """
+    _check_arrays(probes_0, probes, evals_0, evals, maps)
+    share = np.ones(len(maps)) if sample_weight is None else np.asarray(sample_weight, dtype=np.float64)
+    labels = ["probe"] * probes_0.shape[1] if categories is None else categories
+    _check_choices(weighting, categories, labels, probes_0.shape[1])
+    problem = LearningProblem(
+        probes_0=scale_by(probes_0, probes_0, normalize),
+        probes=np.stack([scale_by(probes_0, g, normalize) for g in probes]),
+        penalties=np.stack([penalty_of(e, evals_0, alpha, regularizer) for e in evals]),
+        maps=maps,
+        sample_weight=share,
+    )
+    start = problem.differences(np.ones(probes_0.shape[1]))
+    size = epsilon_by_rule(start[share > 0]) if isinstance(epsilon, str) else float(epsilon)
+    # Maps that the probes reproduce exactly leave nothing to learn and would make the norm degenerate.
+    size = max(size, 1e-12)
+    groups = weight_groups(weighting, labels)
+    optimum = optimize_weights(problem, groups, size, max_iter=max_iter, tol=tol, callback=callback)
+    learned = problem.solve(optimum.weights)
+    Y, stability = stable_basis(learned - maps, share)
+    return LearnedMaps(optimum.weights, Y, stability, size, learned, optimum)
+
+
+def _check_arrays(
+    probes_0: FloatArray, probes: FloatArray, evals_0: FloatArray, evals: FloatArray, maps: FloatArray
+) -> None:
+    k, m = probes_0.shape
+    n = len(maps)
+    expected = {"probes": (n, k, m), "evals_0": (k,), "evals": (n, k), "maps": (n, k, k)}
+    given = {"probes": probes, "evals_0": evals_0, "evals": evals, "maps": maps}
+    for name, shape in expected.items():
+        if np.shape(given[name]) != shape:
+            raise ValueError(
+                f"{name} must have shape {shape} to fit probes_0 {probes_0.shape} and {n} maps; "
+                f"got {np.shape(given[name])}. Shapes of unequal k must be truncated to a common k first."
+            )
+        if not np.isfinite(given[name]).all():
+            raise ValueError(f"{name} holds NaN or infinite values.")
+    if n == 0:
+        raise ValueError("There are no maps to learn from; give at least one training shape beside the reference.")
+
+
+def _check_choices(
+    weighting: str | None, categories: Sequence[str] | None, labels: Sequence[str], n_probes: int
+) -> None:
+    if weighting not in WEIGHTINGS:
+        raise ValueError(f"weighting must be one of {WEIGHTINGS}; got {weighting!r}.")
+    if weighting == "category" and categories is None:
+        raise ValueError('weighting="category" needs the category of each probe in `categories`.')
+    if len(labels) != n_probes:
+        raise ValueError(f"categories must name all {n_probes} probes; got {len(labels)}.")

@@ -1,0 +1,46 @@
+"""Probe functions made comparable: centred, and scaled to one norm (section 2.1)."""
+
+import numpy as np
+
+from skfmap._typing import FloatArray
+
+__all__ = ["centre", "scale_by", "scales_of"]
+
+
+def centre(probes: FloatArray) -> FloatArray:
+    """Return the probes without their constant part (coefficient 0 of each column)."""
+    out = probes.copy()
+    out[0] = 0.0
+    return out
+
+
+def scales_of(centred: FloatArray) -> FloatArray:
+    """Return the factor that brings each column to norm 1 / sqrt(n_probes); 0 for a column that is nil to rounding.
+
+    With this norm a regularisation strength means the same whatever the number of probes.
+    """
+    norms = np.linalg.norm(centred, axis=0)
+    nil = norms <= 1e-12 * max(norms.max(initial=0.0), 1e-300)
+    return np.where(nil, 0.0, 1 / (np.where(nil, 1.0, norms) * np.sqrt(centred.shape[1])))
+
+
+def scale_by(probes_0: FloatArray, probes_i: FloatArray, normalize: str) -> FloatArray:
+    """Return ``probes_i`` centred and scaled.
+
+    Parameters
+    ----------
+    probes_0, probes_i : ndarray of shape (k, n_probes)
+        Raw coefficients on the reference and on the shape.
+    normalize : {"shape", "reference"}
+        Whether each shape's columns are scaled by their own norms (the paper) or by those of the reference, which
+        keeps differences of amplitude.
+
+    Returns
+    -------
+    normalised : ndarray of shape (k, n_probes)
+        A probe that is nil on either shape is nil.
+    """
+    centred = centre(probes_i)
+    reference, own = scales_of(centre(probes_0)), scales_of(centred)
+    factors = own if normalize == "shape" else reference
+    return np.asarray(centred * np.where((reference > 0) & (own > 0), factors, 0.0))

@@ -1,0 +1,32 @@
+"""Functions on vertices to coefficients in the eigenfunctions, and heat flow on coefficients."""
+
+import numpy as np
+
+from skfmap._typing import FloatArray
+
+__all__ = ["diffuse", "project"]
+
+
+def project(values: FloatArray, evecs: FloatArray, mass: FloatArray) -> FloatArray:
+    """Return coefficients ``evecs.T @ diag(mass) @ values``, shape (n_components, ...)."""
+    return np.asarray(evecs.T @ (mass * values.T).T)
+
+
+def diffuse(coefficients: FloatArray, evals: FloatArray, times: FloatArray) -> FloatArray:
+    """Solve the heat equation exactly in the basis: coefficients decay as exp(-t lambda).
+
+    Parameters
+    ----------
+    coefficients : ndarray of shape (n_components,)
+        Initial heat distribution.
+    evals : ndarray of shape (n_components,)
+        Eigenvalues at unit area.
+    times : ndarray of shape (n_times,)
+        Times at unit area.
+
+    Returns
+    -------
+    diffused : ndarray of shape (n_components, n_times)
+        Coefficients at each time.
+    """
+    return coefficients[:, None] * np.exp(-np.outer(evals, times))

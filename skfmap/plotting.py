@@ -1,0 +1,142 @@
+"""Pictures of functions on meshes and of matches, drawn by matplotlib without a screen."""
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from skfmap._typing import FloatArray
+from skfmap._validation import check_choice
+from skfmap.shapes import Match, Mesh
+
+__all__ = ["plot_function", "plot_matches"]
+
+# Camera: rotation about the up axis and elevation above the ground, in degrees.
+_AZIMUTH, _ELEVATION = 60.0, 20.0
+_LIGHT = np.array([0.3, 0.8, 0.9]) / np.linalg.norm([0.3, 0.8, 0.9])
+
+
+def plot_function(
+    mesh: Mesh, values: FloatArray, *, ax: Any = None, cmap: str = "viridis", up: str = "y", limits: Any = None
+) -> Any:
+    """Draw a function, or colours, on a lit mesh.
+
+    Parameters
+    ----------
+    mesh : Mesh
+        What to draw.
+    values : ndarray of shape (n_vertices,) or (n_vertices, 3)
+        Function on the vertices, or their colours in [0, 1].
+    ax : matplotlib Axes, optional
+        Where to draw; a new figure by default.
+    cmap : str, default="viridis"
+        Colour map of a function.
+    up : {"x", "y", "z"}, default="y"
+        Which axis of the mesh points up.
+    limits : (float, float), optional
+        Values at the ends of the colour map; those of the function by default.
+
+    Returns
+    -------
+    matplotlib Axes
+        The axes drawn on.
+    """
+    import matplotlib as mpl  # noqa: PLC0415
+    from matplotlib.collections import PolyCollection  # noqa: PLC0415
+    from matplotlib.figure import Figure  # noqa: PLC0415
+
+    check_choice(up, "up", ("x", "y", "z"))
+    if ax is None:
+        ax = Figure(figsize=(4, 4)).add_subplot()
+    colours = np.asarray(values, dtype=np.float64)
+    if colours.ndim == 1:
+        low, high = (colours.min(), colours.max()) if limits is None else limits
+        colours = mpl.colormaps[cmap]((colours - low) / max(high - low, 1e-300))[:, :3]
+    corners = _seen_from_camera(mesh, up)[mesh.faces]
+    shade = _brightness(corners)
+    faces = np.clip(colours[mesh.faces].mean(axis=1) * shade[:, None], 0, 1)
+    order = np.argsort(corners[:, :, 2].mean(axis=1), kind="stable")
+    ax.add_collection(PolyCollection(corners[order, :, :2], facecolors=faces[order], edgecolors=faces[order], lw=0.2))
+    ax.autoscale_view()
+    ax.set_aspect("equal")
+    ax.set_axis_off()
+    return ax
+
+
+def plot_matches(
+    matches: Sequence[Match],
+    meshes: Sequence[Mesh],
+    reference: Mesh,
+    *,
+    path: str | Path | None = None,
+    up: str = "y",
+    captions: Sequence[str] | None = None,
+) -> Any:
+    """Draw matches as colours carried from the reference, and the expected error below.
+
+    Parameters
+    ----------
+    matches : sequence of Match
+        From `skfmap.match`.
+    meshes : sequence of Mesh
+        The matched shapes.
+    reference : Mesh
+        The reference; its colours are its coordinates.
+    path : str or Path, optional
+        Where to save the picture; the suffix chooses the format.
+    up : {"x", "y", "z"}, default="y"
+        Which axis of the meshes points up.
+    captions : sequence of str, optional
+        One per match, below its name.
+
+    Returns
+    -------
+    matplotlib Figure
+        The picture.
+    """
+    from matplotlib.cm import ScalarMappable  # noqa: PLC0415
+    from matplotlib.colors import Normalize  # noqa: PLC0415
+    from matplotlib.figure import Figure  # noqa: PLC0415
+
+    if len(matches) != len(meshes) or not matches:
+        raise ValueError(f"Give one mesh per match, and at least one; got {len(meshes)} and {len(matches)}.")
+    figure = Figure(figsize=(3.2 * (len(matches) + 1), 6.2), layout="constrained")
+    axes = figure.subplots(2, len(matches) + 1, squeeze=False)
+    colours = _colours_of_position(reference)
+    plot_function(reference, colours, ax=axes[0, 0], up=up).set_title(f"reference: {reference.name}", fontsize=10)
+    axes[1, 0].set_axis_off()
+    worst = max(0.1, max(float(match.expected_error.max()) for match in matches))
+    for column, (match, mesh) in enumerate(zip(matches, meshes, strict=True), start=1):
+        title = f"{match.name}" + ("" if captions is None else f"\n{captions[column - 1]}")
+        plot_function(mesh, colours[match.p2p], ax=axes[0, column], up=up).set_title(title, fontsize=10)
+        plot_function(mesh, match.expected_error, ax=axes[1, column], up=up, cmap="cividis", limits=(0, worst))
+    scale = ScalarMappable(Normalize(0, worst), cmap="cividis")
+    figure.colorbar(scale, ax=axes[1, 0], location="right", shrink=0.7, label="expected error, sqrt(area)")
+    if path is not None:
+        figure.savefig(path, dpi=130)
+    return figure
+
+
+def _colours_of_position(mesh: Mesh) -> FloatArray:
+    """Return a colour for each vertex that changes smoothly along the three axes."""
+    low, high = mesh.vertices.min(axis=0), mesh.vertices.max(axis=0)
+    return 0.15 + 0.8 * (mesh.vertices - low) / np.maximum(high - low, 1e-300)
+
+
+def _seen_from_camera(mesh: Mesh, up: str) -> FloatArray:
+    """Return coordinates right, up and towards the camera."""
+    axis = "xyz".index(up)
+    centred = mesh.vertices - mesh.vertices.mean(axis=0)
+    right, height, depth = (centred[:, (axis + shift) % 3] for shift in (2, 0, 1))
+    azimuth, elevation = np.radians([_AZIMUTH, _ELEVATION])
+    across = np.cos(azimuth) * depth + np.sin(azimuth) * right
+    towards = np.cos(azimuth) * right - np.sin(azimuth) * depth
+    raised = np.cos(elevation) * height + np.sin(elevation) * towards * -1
+    return np.column_stack([across, raised, np.cos(elevation) * towards + np.sin(elevation) * height])
+
+
+def _brightness(corners: FloatArray) -> FloatArray:
+    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    normals = normals / np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-300)
+    return np.asarray(0.35 + 0.65 * np.abs(normals @ _LIGHT))

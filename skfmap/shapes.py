@@ -1,0 +1,482 @@
+"""Frozen data that flows through the pipeline: meshes, shapes in a basis, correspondences, matches."""
+
+import hashlib
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Self
+
+import numpy as np
+import scipy.sparse as sp
+
+from skfmap._typing import FloatArray, IntArray, SparseMatrix
+from skfmap._validation import check_faces, check_pairs, check_vertices, label, read_only
+from skfmap.exceptions import CorrespondenceError
+
+__all__ = ["Correspondence", "JoinedPairs", "Match", "Mesh", "ProbedShape", "SpectralShape"]
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Mesh:
+    """A triangle mesh: checked, immutable, and identified by its content.
+
+    Parameters
+    ----------
+    vertices : array-like of shape (n_vertices, 3)
+        Coordinates, in any unit. Copied.
+    faces : array-like of int, shape (n_faces, 3)
+        Vertex numbers of each triangle, 0-based. Copied.
+    name : str, optional
+        What messages and reports call the shape.
+
+    Raises
+    ------
+    MeshError
+        If a coordinate is not finite, an index is out of range, a face is no triangle, or there is nothing at all.
+
+    Notes
+    -----
+    A mesh has no length, no shape and no array interface on purpose: scikit-learn slices whatever looks like an array.
+
+    Examples
+    --------
+    >>> from skfmap import Mesh
+    >>> mesh = Mesh([[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 1, 2]], name="one")
+    >>> mesh
+    Mesh('one', n_vertices=3, n_faces=1)
+    >>> mesh.area
+    0.5
+    """
+
+    vertices: FloatArray
+    faces: IntArray
+    name: str | None = None
+
+    def __post_init__(self) -> None:
+        who = label(self.name)
+        vertices = check_vertices(self.vertices, who)
+        faces = check_faces(self.faces, len(vertices), who)
+        object.__setattr__(self, "vertices", read_only(vertices))
+        object.__setattr__(self, "faces", read_only(faces))
+
+    def __repr__(self) -> str:
+        """Return a line with name and counts."""
+        name = "" if self.name is None else f"{self.name!r}, "
+        return f"Mesh({name}n_vertices={self.n_vertices}, n_faces={self.n_faces})"
+
+    @property
+    def n_vertices(self) -> int:
+        """Number of vertices."""
+        return len(self.vertices)
+
+    @property
+    def n_faces(self) -> int:
+        """Number of triangles."""
+        return len(self.faces)
+
+    @cached_property
+    def area(self) -> float:
+        """Total area, in squared units of the coordinates."""
+        a, b, c = (self.vertices[self.faces[:, j]] for j in range(3))
+        return float(np.linalg.norm(np.cross(b - a, c - a), axis=1).sum() / 2)
+
+    @cached_property
+    def content_hash(self) -> str:
+        """Hash of vertices and faces, not of the name: what caches are keyed by."""
+        digest = hashlib.sha256()
+        for array in (self.vertices, self.faces):
+            digest.update(repr(array.shape).encode())
+            digest.update(np.ascontiguousarray(array).tobytes())
+        return digest.hexdigest()
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class SpectralShape:
+    """A shape of unit area with its first Laplacian eigenfunctions.
+
+    Attributes
+    ----------
+    mesh : Mesh
+        The mesh in its own units, numbered as given. Its faces are wound consistently and outwards where that can be
+        told (``oriented`` says so); otherwise they are as given.
+    evals : ndarray of shape (n_components,)
+        Eigenvalues of the Laplacian of the shape scaled to unit area, ascending; ``evals[0]`` is 0.
+    evecs : ndarray of shape (n_vertices, n_components)
+        Eigenfunctions, orthonormal with respect to ``mass``. The first is the constant 1.
+    mass : ndarray of shape (n_vertices,)
+        Lumped mass matrix (its diagonal) at unit area; sums to 1.
+    stiffness : sparse array of shape (n_vertices, n_vertices)
+        Stiffness matrix, positive semi-definite; it does not depend on the scale.
+    area : float
+        Area of ``mesh`` in its own units.
+    oriented : bool
+        Whether all faces are wound consistently.
+    """
+
+    mesh: Mesh
+    evals: FloatArray
+    evecs: FloatArray
+    mass: FloatArray
+    stiffness: SparseMatrix
+    area: float
+    oriented: bool = True
+
+    def __repr__(self) -> str:
+        """Return a line with name and counts."""
+        return f"SpectralShape({self.mesh.name!r}, n_vertices={self.mesh.n_vertices}, n_components={len(self.evals)})"
+
+    @property
+    def name(self) -> str | None:
+        """Name of the mesh."""
+        return self.mesh.name
+
+    @property
+    def n_components(self) -> int:
+        """Number of eigenfunctions held."""
+        return len(self.evals)
+
+    @property
+    def vertices(self) -> FloatArray:
+        """Coordinates scaled to unit area, shape (n_vertices, 3)."""
+        return np.asarray(self.mesh.vertices / np.sqrt(self.area))
+
+    @property
+    def evals_in_mesh_units(self) -> FloatArray:
+        """Eigenvalues of the mesh as given, in 1 / squared units of its coordinates."""
+        return np.asarray(self.evals / self.area)
+
+    def truncate(self, n_components: int) -> "SpectralShape":
+        """Return the same shape with its first ``n_components`` eigenfunctions only."""
+        return SpectralShape(
+            self.mesh,
+            self.evals[:n_components],
+            self.evecs[:, :n_components],
+            self.mass,
+            self.stiffness,
+            self.area,
+            self.oriented,
+        )
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class ProbedShape:
+    """A spectral shape with the coefficients of its probe functions.
+
+    Attributes
+    ----------
+    shape : SpectralShape
+        The shape and its basis.
+    probes : ndarray of shape (n_components, n_probes)
+        Raw coefficients of the probe functions in ``shape.evecs``: neither centred nor normalised.
+    probe_names : tuple of str
+        Name of each probe function, equal on all shapes that one transformer made.
+    probe_categories : tuple of str
+        Family of each probe function.
+    """
+
+    shape: SpectralShape
+    probes: FloatArray
+    probe_names: tuple[str, ...]
+    probe_categories: tuple[str, ...]
+
+    def __repr__(self) -> str:
+        """Return a line with name and counts."""
+        return f"ProbedShape({self.name!r}, n_components={self.probes.shape[0]}, n_probes={self.probes.shape[1]})"
+
+    @property
+    def name(self) -> str | None:
+        """Name of the mesh."""
+        return self.shape.name
+
+    def functions(self) -> FloatArray:
+        """Return the probe functions on the vertices, smoothed by the basis; shape (n_vertices, n_probes)."""
+        return np.asarray(self.shape.evecs @ self.probes)
+
+
+@dataclass(frozen=True, eq=False)
+class JoinedPairs:
+    """Pairs of vertices of two shapes that stand on the same template point.
+
+    Attributes
+    ----------
+    vertices_i, vertices_0 : ndarray of int, shape (n_pairs,)
+        Vertex of S_i and the vertex of S_0 that it is mapped to: the point map runs from S_i to S_0.
+    points : ndarray of int, shape (n_pairs,)
+        The template point that joins them.
+    weights : ndarray of shape (n_pairs,)
+        1 for plain pairs; for soft correspondences the product of the two sides' weights.
+    """
+
+    vertices_i: IntArray
+    vertices_0: IntArray
+    points: IntArray
+    weights: FloatArray
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Correspondence:
+    """Where one shape lies on the template, the set of points that the shapes of a collection share.
+
+    Parameters
+    ----------
+    pairs : array-like of int, shape (n_pairs, 2)
+        Rows ``[vertex of the shape, template point]``, 0-based. Sparse, partial and many-to-one are ordinary.
+    symmetric_pairs : array-like of int, shape (n_symmetric_pairs, 2), optional
+        The same for the symmetric answer: the vertex that the shape's left-right symmetry takes each point's vertex to.
+        Used by the symmetric metrics only, never for learning.
+    weights : array-like of shape (n_pairs,), optional
+        Non-negative weights of soft or barycentric pairs; None means 1 each.
+    symmetric_weights : array-like of shape (n_symmetric_pairs,), optional
+        The same for ``symmetric_pairs``.
+
+    Raises
+    ------
+    TypeError
+        If ``pairs`` is one-dimensional (say which reading you mean with a constructor) or not of an integer dtype.
+    CorrespondenceError
+        If the shape of ``pairs`` is wrong, an index is negative, or weights do not fit.
+
+    See Also
+    --------
+    from_vertices : From the template point of each vertex.
+    from_template : From the vertex of each template point, which is what ``.vts`` files hold.
+    from_matrix : From a sparse, soft or barycentric matrix.
+
+    Examples
+    --------
+    >>> from skfmap import Correspondence
+    >>> a = Correspondence.from_vertices([2, 0, -1, 1])  # vertex 2 is unknown
+    >>> b = Correspondence.from_template([5, 4, 3])
+    >>> joined = a.join(b)
+    >>> joined.vertices_i.tolist(), joined.vertices_0.tolist()
+    ([0, 1, 3], [3, 5, 4])
+    """
+
+    pairs: IntArray
+    symmetric_pairs: IntArray | None = None
+    weights: FloatArray | None = field(default=None, kw_only=True)
+    symmetric_weights: FloatArray | None = field(default=None, kw_only=True)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "pairs", read_only(check_pairs(self.pairs, "pairs")))
+        object.__setattr__(self, "weights", _check_weights(self.weights, len(self.pairs), "weights"))
+        if self.symmetric_pairs is None:
+            if self.symmetric_weights is not None:
+                raise CorrespondenceError("symmetric_weights are given without symmetric_pairs.")
+            return
+        object.__setattr__(self, "symmetric_pairs", read_only(check_pairs(self.symmetric_pairs, "symmetric_pairs")))
+        n_symmetric = len(self.symmetric_pairs)
+        checked = _check_weights(self.symmetric_weights, n_symmetric, "symmetric_weights")
+        object.__setattr__(self, "symmetric_weights", checked)
+
+    def __repr__(self) -> str:
+        """Return a line with counts."""
+        symmetric = "none" if self.symmetric_pairs is None else len(self.symmetric_pairs)
+        soft = "" if self.weights is None else ", soft"
+        return f"Correspondence(n_pairs={len(self.pairs)}, n_symmetric_pairs={symmetric}{soft})"
+
+    @classmethod
+    def from_vertices(cls, points: object, symmetric: object | None = None) -> Self:
+        """Make a correspondence from the template point of each vertex; -1 where it is unknown.
+
+        Parameters
+        ----------
+        points : array-like of int, shape (n_vertices,)
+            Template point of each vertex of the shape, or -1.
+        symmetric : array-like of int, shape (n_vertices,), optional
+            Template point whose symmetric counterpart each vertex is, or -1.
+
+        Returns
+        -------
+        Correspondence
+            One pair per known vertex.
+        """
+        return cls(_enumerate(points, "points"), None if symmetric is None else _enumerate(symmetric, "symmetric"))
+
+    @classmethod
+    def from_template(cls, vertices: object, symmetric: object | None = None) -> Self:
+        """Make a correspondence from the vertex of each template point; -1 where it is unknown.
+
+        This is what ``.vts`` files hold, once 1 is subtracted.
+
+        Parameters
+        ----------
+        vertices : array-like of int, shape (n_points,)
+            Vertex of the shape that each template point stands on, or -1.
+        symmetric : array-like of int, shape (n_points,), optional
+            Vertex that the shape's symmetry takes it to, or -1 (what ``.sym.vts`` files hold).
+
+        Returns
+        -------
+        Correspondence
+            One pair per known template point.
+        """
+        swap = [1, 0]
+        return cls(
+            _enumerate(vertices, "vertices")[:, swap],
+            None if symmetric is None else _enumerate(symmetric, "symmetric")[:, swap],
+        )
+
+    @classmethod
+    def from_matrix(cls, matrix: object, symmetric: object | None = None) -> Self:
+        """Make a correspondence from a soft or barycentric matrix.
+
+        Parameters
+        ----------
+        matrix : array-like or sparse, shape (n_vertices, n_points)
+            Row ``v`` holds how much vertex ``v`` stands on each template point. Non-negative; rows need not sum to 1.
+        symmetric : array-like or sparse, shape (n_vertices, n_points), optional
+            The same for the symmetric answer.
+
+        Returns
+        -------
+        Correspondence
+            One weighted pair per non-zero entry.
+        """
+        pairs, weights = _matrix_pairs(matrix, "matrix")
+        if symmetric is None:
+            return cls(pairs, weights=weights)
+        symmetric_pairs, symmetric_weights = _matrix_pairs(symmetric, "symmetric")
+        return cls(pairs, symmetric_pairs, weights=weights, symmetric_weights=symmetric_weights)
+
+    @property
+    def has_symmetric(self) -> bool:
+        """Whether a symmetric answer is known."""
+        return self.symmetric_pairs is not None
+
+    def join(self, other: "Correspondence", *, symmetric: bool = False) -> JoinedPairs:
+        """Join this shape (S_i) with another (S_0) on the template points that both have.
+
+        Parameters
+        ----------
+        other : Correspondence
+            Of S_0. Template points that are missing on either side drop out.
+        symmetric : bool
+            Whether to lead to the symmetric counterparts on S_0.
+
+        Returns
+        -------
+        JoinedPairs
+            In the order of this shape's pairs; empty if the two share no template point.
+
+        Raises
+        ------
+        CorrespondenceError
+            If ``symmetric`` and ``other`` has no symmetric answer.
+        """
+        pairs_0, weights_0 = other.pairs, other.weights
+        if symmetric:
+            if other.symmetric_pairs is None:
+                raise CorrespondenceError(
+                    "The reference has no symmetric answer; give its Correspondence symmetric_pairs, or score directly."
+                )
+            pairs_0, weights_0 = other.symmetric_pairs, other.symmetric_weights
+        order = np.argsort(pairs_0[:, 1], kind="stable")
+        points_0 = pairs_0[order, 1]
+        first = np.searchsorted(points_0, self.pairs[:, 1], side="left")
+        counts = np.searchsorted(points_0, self.pairs[:, 1], side="right") - first
+        rows_i = np.repeat(np.arange(len(self.pairs)), counts)
+        within = np.arange(len(rows_i)) - np.repeat(np.cumsum(counts) - counts, counts)
+        rows_0 = order[np.repeat(first, counts) + within]
+        weights = _ones_or(self.weights, len(self.pairs))[rows_i] * _ones_or(weights_0, len(pairs_0))[rows_0]
+        return JoinedPairs(self.pairs[rows_i, 0], pairs_0[rows_0, 0], self.pairs[rows_i, 1], weights)
+
+    def restrict(self, points: object) -> "Correspondence":
+        """Return the correspondence on the given template points only.
+
+        Parameters
+        ----------
+        points : array-like of int
+            Template points to keep, for instance one half of the landmarks.
+
+        Returns
+        -------
+        Correspondence
+            Pairs and symmetric pairs on those points.
+        """
+        kept = np.asarray(points)
+        rows = np.isin(self.pairs[:, 1], kept)
+        weights = None if self.weights is None else self.weights[rows]
+        if self.symmetric_pairs is None:
+            return Correspondence(self.pairs[rows], weights=weights)
+        sym_rows = np.isin(self.symmetric_pairs[:, 1], kept)
+        sym_weights = None if self.symmetric_weights is None else self.symmetric_weights[sym_rows]
+        return Correspondence(
+            self.pairs[rows], self.symmetric_pairs[sym_rows], weights=weights, symmetric_weights=sym_weights
+        )
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Match:
+    """A shape matched to the reference.
+
+    The two maps point opposite ways: ``functional_map`` pulls functions back from S_0 to S_i, ``p2p`` sends points of
+    S_i to S_0.
+
+    Attributes
+    ----------
+    p2p : ndarray of int, shape (n_vertices_i,)
+        Point-to-point map: vertex of the reference S_0 for each vertex of S_i.
+    expected_error : ndarray of shape (n_vertices_i,)
+        Geodesic error to expect at each vertex of S_i, in units of sqrt(area) of the reference, as calibrated on the
+        training shapes.
+    confidence : ndarray of shape (n_vertices_i,)
+        Between 0 and 1: how often a training vertex that looked like this one landed within 0.1 sqrt(area).
+    functional_map : ndarray of shape (k, k)
+        Full map X_i(D), from functions on S_0 to functions on S_i, on unit-area shapes.
+    reduced_map : ndarray of shape (k, p)
+        X_i(D) Y_p.
+    name : str or None
+        Name of S_i.
+    reference_name : str or None
+        Name of S_0.
+    """
+
+    p2p: IntArray
+    expected_error: FloatArray
+    confidence: FloatArray
+    functional_map: FloatArray
+    reduced_map: FloatArray
+    name: str | None = None
+    reference_name: str | None = None
+
+    def __repr__(self) -> str:
+        """Return a line with both names and the mean expected error."""
+        mean = self.expected_error.mean()
+        return f"Match({self.name!r} -> {self.reference_name!r}, mean expected error {mean:.3f} sqrt(area))"
+
+
+def _enumerate(values: object, who: str) -> IntArray:
+    """Return rows [position, value] of a 1-D integer array, without those whose value is -1."""
+    array = np.asarray(values)
+    if array.ndim != 1:
+        raise CorrespondenceError(f"{who} must be one-dimensional; got shape {array.shape}.")
+    if not np.issubdtype(array.dtype, np.integer):
+        raise TypeError(f"{who} must hold integers; got dtype {array.dtype}.")
+    if array.size and array.min() < -1:
+        raise CorrespondenceError(f"{who} holds {array.min()}; the only negative value allowed is -1, for unknown.")
+    known = np.flatnonzero(array >= 0)
+    return np.column_stack([known, array[known]]).astype(np.int64)
+
+
+def _matrix_pairs(matrix: object, who: str) -> tuple[IntArray, FloatArray]:
+    coo = sp.coo_array(matrix)
+    coo.sum_duplicates()
+    coo.eliminate_zeros()
+    if coo.ndim != 2:
+        raise CorrespondenceError(f"{who} must have shape (n_vertices, n_points); got {coo.shape}.")
+    return np.column_stack(coo.coords).astype(np.int64), np.asarray(coo.data, dtype=np.float64)
+
+
+def _check_weights(weights: object | None, n_pairs: int, who: str) -> FloatArray | None:
+    if weights is None:
+        return None
+    out = np.array(weights, dtype=np.float64)
+    if out.shape != (n_pairs,):
+        raise CorrespondenceError(f"{who} must have shape ({n_pairs},), one per pair; got {out.shape}.")
+    if not np.isfinite(out).all() or (out < 0).any():
+        raise CorrespondenceError(f"{who} must be finite and non-negative.")
+    return read_only(out)
+
+
+def _ones_or(weights: FloatArray | None, n: int) -> FloatArray:
+    return np.ones(n) if weights is None else weights
