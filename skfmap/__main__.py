@@ -6,6 +6,7 @@ import time
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import joblib
 import numpy as np
@@ -21,7 +22,7 @@ from skfmap.plotting import plot_matches
 from skfmap.shapes import Match, ProbedShape
 
 # How points are matched: in all functions alike, in the p most stable, in all weighted by stability.
-_MATCHINGS = {
+_MATCHINGS: dict[str, dict[str, Any]] = {
     "full": {"matching": "cut", "n_stable": 1.0},
     "reduced": {"matching": "cut", "n_stable": None},
     "soft": {"matching": "soft"},
@@ -54,8 +55,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
         prog="python -m skfmap",
-        description="Learn functional maps on a collection of meshes, match the shapes left out, and show what learning "
-        "buys: a table, a picture of the matches, and a model trained on all shapes.",
+        description="Learn functional maps on a collection of meshes, match the shapes left out, and show what "
+        "learning buys: a table, a picture of the matches, and a model trained on all shapes.",
     )
     parser.add_argument("folder", nargs="?", help="meshes and correspondences; made-up creatures if left out")
     parser.add_argument("--pattern", default="*", help="which meshes of the folder, by name (default: all)")
@@ -64,7 +65,7 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--functions", type=int, default=50, help="eigenfunctions that are matched (default: 50)")
     parser.add_argument("--families", choices=["default", "paper", "paper-310"], default="default")
     parser.add_argument("--vertices", type=int, default=1500, help="vertices of a made-up creature (default: 1500)")
-    parser.add_argument("--up", choices=["x", "y", "z"], default="y", help="axis that points up in the picture")
+    parser.add_argument("--up", choices=["x", "y", "z"], help="axis that points up in the picture (default: y)")
     parser.add_argument("--output", type=Path, default=Path("skfmap-output"), help="where picture and model go")
     parser.add_argument("--cache", type=Path, help="folder that keeps bases and probes between runs")
     parser.add_argument("--jobs", type=int, default=-1, help="shapes at a time (default: one per core)")
@@ -78,7 +79,7 @@ def _run(options: argparse.Namespace) -> None:
     left_out = _choose_folds(len(shapes), options.folds)
     names = ", ".join(collection.names[i] for i in left_out)
     print(f"Leaving out one at a time: {names}. Reference: {collection.names[0]}.", flush=True)
-    results = {}
+    results: dict[str | None, _Result] = {}
     for weighting in WEIGHTINGS:
         results[weighting] = _cross_validate(shapes, collection.correspondences, left_out, weighting, options)
         print(
@@ -150,7 +151,7 @@ def _table(results: dict[str | None, _Result]) -> str:
     lines = ["Mean geodesic error over the shapes left out, x 100 / sqrt(area of the reference)"]
     if symmetric:
         lines.append(
-            "direct: nothing forgiven | consistent: better side for the whole map | per vertex: better side anywhere"
+            "direct: nothing forgiven | consistent: better side for the whole map | per vertex: better side at each"
         )
     header = "".join(f"{name + ', ' + kind.replace('_', ' '):>22}" for name in _MATCHINGS for kind in kinds)
     lines.append(f"{'weighting':<12}{'training s':>11}{header}")
@@ -167,7 +168,8 @@ def _save(
     picture, model = options.output / "matches.png", options.output / "model.joblib"
     captions = [f"error {100 * errors.mean('direct'):.1f} % of sqrt(area)" for errors in result.errors["soft"]]
     meshes = [collection.meshes[i] for i in left_out]
-    plot_matches(result.matches, meshes, collection.meshes[0], path=picture, up=options.up, captions=captions)
+    up = options.up or collection.get("up", "y")
+    plot_matches(result.matches, meshes, collection.meshes[0], path=picture, up=up, captions=captions)
     learner = WeightedFunctionalMapLearner(n_functions=options.functions, n_jobs=options.jobs)
     joblib.dump(learner.fit(shapes, collection.correspondences), model)
     print(f"\nPicture of the matches: {picture}\nModel trained on all {len(shapes)} shapes: {model}")

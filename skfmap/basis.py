@@ -1,5 +1,6 @@
 """From meshes to shapes with a basis of Laplacian eigenfunctions."""
 
+import warnings
 from collections.abc import Sequence
 from typing import Any, Self
 
@@ -11,7 +12,7 @@ from sklearn.utils.validation import check_memory
 from skfmap._parallel import map_shapes
 from skfmap._typing import FloatArray, SparseMatrix
 from skfmap._validation import check_choice, check_number, label
-from skfmap.exceptions import MeshError
+from skfmap.exceptions import MeshError, OrientationWarning
 from skfmap.functional.eigenbasis import laplacian_eigenbasis
 from skfmap.geometry.faults import (
     count_components,
@@ -119,15 +120,22 @@ class SpectralBasis(TransformerMixin, BaseEstimator):
             Laplacian cannot deal with, or too few vertices; the message names the shape and the remedy.
         TypeError
             If ``X`` is one mesh rather than a sequence of meshes.
+
+        Warns
+        -----
+        OrientationWarning
+            If it cannot be told which side of a mesh is its outside.
         """
         self._check_parameters()
         meshes = as_meshes(X)
-        return map_shapes(
+        shapes = map_shapes(
             _spectral_shape,
             ((mesh, self.laplacian, self.n_components, self.memory) for mesh in meshes),
             n_jobs=self.n_jobs,
             verbose=self.verbose,
         )
+        _warn_of_unknown_sides(shapes)
+        return shapes
 
     def _check_parameters(self) -> None:
         check_number(self.n_components, "n_components", low=2, integer=True)
@@ -145,9 +153,21 @@ class SpectralBasis(TransformerMixin, BaseEstimator):
         return tags
 
 
+def _warn_of_unknown_sides(shapes: Sequence[SpectralShape]) -> None:
+    names = [shape.name for shape in shapes if not shape.outward]
+    if names:
+        warnings.warn(
+            f"It cannot be told which side of {names} is the outside: no consistent winding, or no volume enclosed. "
+            "Oriented probes and mean curvature may have the wrong sign there, and left be taken for right; check the "
+            "winding of the faces, or use DescriptorTransformer('paper').",
+            OrientationWarning,
+            stacklevel=3,
+        )
+
+
 def _spectral_shape(mesh: Mesh, laplacian: str, n_components: int, memory: Any) -> SpectralShape:
     _check_mesh(mesh, laplacian, n_components)
-    faces, consistent, _ = orient_faces(mesh.vertices, mesh.faces)
+    faces, consistent, outward = orient_faces(mesh.vertices, mesh.faces)
     oriented = mesh if np.array_equal(faces, mesh.faces) else Mesh(mesh.vertices, faces, mesh.name)
     cached = check_memory(memory).cache(_eigenbasis, ignore=["mesh"])
     try:
@@ -156,7 +176,7 @@ def _spectral_shape(mesh: Mesh, laplacian: str, n_components: int, memory: Any) 
         raise MeshError(
             f"No eigenbasis for {label(mesh.name)}: {error}. Try SpectralBasis(laplacian='robust'), or mend the mesh."
         ) from error
-    return SpectralShape(oriented, evals, evecs, mass, stiffness, oriented.area, consistent)
+    return SpectralShape(oriented, evals, evecs, mass, stiffness, oriented.area, consistent, outward)
 
 
 def _eigenbasis(

@@ -29,7 +29,7 @@ from skfmap.geometry.geodesics import areas_of_landmarks, farthest_vertices, hea
 from skfmap.metrics import PairErrors, pair_errors, reference_distances
 from skfmap.shapes import Correspondence, JoinedPairs, Match, ProbedShape
 
-__all__ = ["WeightedFunctionalMapLearner", "functional_maps", "match"]
+__all__ = ["WeightedFunctionalMapLearner", "functional_maps", "ground_truth_maps", "match"]
 
 # Vertices of the reference that expected errors are calibrated at, and template points that a medoid is judged by.
 _N_CALIBRATION = 200
@@ -213,7 +213,7 @@ class WeightedFunctionalMapLearner(BaseEstimator):
         training = _split_off(index, shapes, truths, share)
 
         joins = [_join(c, s, training) for c, s in zip(training.truths, training.shapes, strict=True)]
-        maps = self._ground_truth_maps(training, joins)
+        maps = ground_truth_maps(training.shapes, training.reference, joins, self.n_functions, n_jobs=self.n_jobs)
         learned = single_threaded(self._learn, training, maps)
 
         self.weights_ = learned.weights
@@ -390,21 +390,6 @@ class WeightedFunctionalMapLearner(BaseEstimator):
             )
         return names.index(self.reference)
 
-    def _ground_truth_maps(self, training: "_Training", joins: Sequence[JoinedPairs]) -> FloatArray:
-        k = self.n_functions
-        arguments = ((s, training.reference, j, k) for s, j in zip(training.shapes, joins, strict=True))
-        truths = map_shapes(_ground_truth, arguments, n_jobs=self.n_jobs, verbose=0)
-        for shape, truth in zip(training.shapes, truths, strict=True):
-            if truth.n_observed < k:
-                warnings.warn(
-                    f"The correspondences of {label(shape.name, 'shape')} determine {truth.n_observed} of {k} "
-                    "functions; the rest of its ground-truth map is a guess by isometry. Give more or better spread "
-                    "pairs, lower n_functions, or leave the shape out.",
-                    CoverageWarning,
-                    stacklevel=3,
-                )
-        return np.stack([truth.C for truth in truths])
-
     def _learn(self, training: "_Training", maps: FloatArray) -> Any:
         k, reference = self.n_functions, training.reference
         learned = learn_functional_maps(
@@ -559,6 +544,59 @@ def _join(truth: Correspondence, shape: ProbedShape, training: _Training) -> Joi
             "Check that both are given on the same template (Correspondence.from_vertices or from_template?)."
         )
     return joined
+
+
+def ground_truth_maps(
+    shapes: Sequence[ProbedShape],
+    reference: ProbedShape,
+    joins: Sequence[JoinedPairs],
+    n_functions: int,
+    *,
+    n_jobs: int | None = None,
+) -> FloatArray:
+    """Fit the functional maps C_i that known correspondences make, from functions on the reference to each shape.
+
+    Mass-weighted least squares: each pair counts by the area that its vertex stands for, so that sparse landmarks weigh
+    the surface evenly.
+
+    Parameters
+    ----------
+    shapes, reference : sequence of ProbedShape, ProbedShape
+        The shapes S_i, and S_0.
+    joins : sequence of JoinedPairs
+        Pairs of vertices of each S_i and of S_0, from `Correspondence.join`.
+    n_functions : int
+        k.
+    n_jobs : int, optional
+        Shapes at a time; see joblib.
+
+    Returns
+    -------
+    maps : ndarray of shape (n_shapes, k, k)
+        C_i.
+
+    Raises
+    ------
+    CorrespondenceError
+        If a shape has fewer distinct vertices with a partner than ``n_functions``.
+
+    Warns
+    -----
+    CoverageWarning
+        If the pairs of a shape determine fewer than k functions; the rest is a guess by isometry.
+    """
+    arguments = ((s, reference, join, n_functions) for s, join in zip(shapes, joins, strict=True))
+    truths = map_shapes(_ground_truth, arguments, n_jobs=n_jobs, verbose=0)
+    for shape, truth in zip(shapes, truths, strict=True):
+        if truth.n_observed < n_functions:
+            warnings.warn(
+                f"The correspondences of {label(shape.name, 'shape')} determine {truth.n_observed} of {n_functions} "
+                "functions; the rest of its ground-truth map is a guess by isometry. Give more or better spread "
+                "pairs, lower n_functions, or leave the shape out.",
+                CoverageWarning,
+                stacklevel=3,
+            )
+    return np.stack([truth.C for truth in truths])
 
 
 def _ground_truth(shape: ProbedShape, reference: ProbedShape, join: JoinedPairs, k: int) -> Any:

@@ -57,7 +57,8 @@ def plot_function(
     shade = _brightness(corners)
     faces = np.clip(colours[mesh.faces].mean(axis=1) * shade[:, None], 0, 1)
     order = np.argsort(corners[:, :, 2].mean(axis=1), kind="stable")
-    ax.add_collection(PolyCollection(corners[order, :, :2], facecolors=faces[order], edgecolors=faces[order], lw=0.2))
+    colours = faces[order]
+    ax.add_collection(PolyCollection(list(corners[order, :, :2]), facecolors=colours, edgecolors=colours, lw=0.2))
     ax.autoscale_view()
     ax.set_aspect("equal")
     ax.set_axis_off()
@@ -106,7 +107,7 @@ def plot_matches(
     colours = _colours_of_position(reference)
     plot_function(reference, colours, ax=axes[0, 0], up=up).set_title(f"reference: {reference.name}", fontsize=10)
     axes[1, 0].set_axis_off()
-    worst = max(0.1, max(float(match.expected_error.max()) for match in matches))
+    worst = max(0.1, *(float(match.expected_error.max()) for match in matches))
     for column, (match, mesh) in enumerate(zip(matches, meshes, strict=True), start=1):
         title = f"{match.name}" + ("" if captions is None else f"\n{captions[column - 1]}")
         plot_function(mesh, colours[match.p2p], ax=axes[0, column], up=up).set_title(title, fontsize=10)

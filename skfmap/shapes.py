@@ -110,6 +110,8 @@ class SpectralShape:
         Area of ``mesh`` in its own units.
     oriented : bool
         Whether all faces are wound consistently.
+    outward : bool
+        Whether they are known to point outwards.
     """
 
     mesh: Mesh
@@ -119,6 +121,7 @@ class SpectralShape:
     stiffness: SparseMatrix
     area: float
     oriented: bool = True
+    outward: bool = True
 
     def __repr__(self) -> str:
         """Return a line with name and counts."""
@@ -154,6 +157,7 @@ class SpectralShape:
             self.stiffness,
             self.area,
             self.oriented,
+            self.outward,
         )
 
 

@@ -14,14 +14,15 @@ def centre(probes: FloatArray) -> FloatArray:
     return out
 
 
-def scales_of(centred: FloatArray) -> FloatArray:
-    """Return the factor that brings each column to norm 1 / sqrt(n_probes); 0 for a column that is nil to rounding.
+def scales_of(probes: FloatArray) -> FloatArray:
+    """Return the factor that brings each column, once centred, to norm 1 / sqrt(n_probes).
 
-    With this norm a regularisation strength means the same whatever the number of probes.
+    It is 0 for a column that is constant to rounding. With this norm a regularisation strength means the same whatever
+    the number of probes.
     """
-    norms = np.linalg.norm(centred, axis=0)
-    nil = norms <= 1e-12 * max(norms.max(initial=0.0), 1e-300)
-    return np.where(nil, 0.0, 1 / (np.where(nil, 1.0, norms) * np.sqrt(centred.shape[1])))
+    norms = np.linalg.norm(probes[1:], axis=0)
+    nil = norms <= 1e-12 * np.linalg.norm(probes, axis=0)
+    return np.where(nil, 0.0, 1 / (np.where(nil, 1.0, norms) * np.sqrt(probes.shape[1])))
 
 
 def scale_by(probes_0: FloatArray, probes_i: FloatArray, normalize: str) -> FloatArray:
@@ -38,9 +39,8 @@ def scale_by(probes_0: FloatArray, probes_i: FloatArray, normalize: str) -> Floa
     Returns
     -------
     normalised : ndarray of shape (k, n_probes)
-        A probe that is nil on either shape is nil.
+        A probe that is constant on either shape is nil.
     """
-    centred = centre(probes_i)
-    reference, own = scales_of(centre(probes_0)), scales_of(centred)
+    reference, own = scales_of(probes_0), scales_of(probes_i)
     factors = own if normalize == "shape" else reference
-    return np.asarray(centred * np.where((reference > 0) & (own > 0), factors, 0.0))
+    return np.asarray(centre(probes_i) * np.where((reference > 0) & (own > 0), factors, 0.0))
