@@ -632,23 +632,23 @@ def _solve(learner: WeightedFunctionalMapLearner, shape: ProbedShape) -> FloatAr
 
 
 def _nearest(
-    shape: ProbedShape, reference: ProbedShape, C: FloatArray, functions: FloatArray
+    evecs_i: FloatArray, evecs_0: FloatArray, C: FloatArray, functions: FloatArray
 ) -> tuple[IntArray, FloatArray]:
-    """Return the nearest vertex of the reference for each vertex of the shape, and its distance, in the embedding."""
+    """Return the nearest vertex of the reference for each point of the shape, and its distance, in the embedding."""
     k = len(C)
-    points_i, points_0 = spectral_embeddings(shape.shape.evecs[:, :k], reference.shape.evecs[:, :k], C, functions)
+    points_i, points_0 = spectral_embeddings(evecs_i[:, :k], evecs_0[:, :k], C, functions)
     p2p, residuals = pairwise_distances_argmin_min(points_i, points_0)
     return np.asarray(p2p, dtype=np.int64), np.asarray(residuals)
 
 
 def _point_map(learner: WeightedFunctionalMapLearner, shape: ProbedShape, functions: FloatArray) -> IntArray:
-    return _nearest(shape, learner.reference_, _solve(learner, shape), functions)[0]
+    return _nearest(shape.shape.evecs, learner.reference_.shape.evecs, _solve(learner, shape), functions)[0]
 
 
 def _match(learner: WeightedFunctionalMapLearner, shape: ProbedShape) -> Match:
     C = _solve(learner, shape)
     functions = learner._trusted_functions(learner.matching, learner.n_stable_)
-    p2p, residuals = _nearest(shape, learner.reference_, C, functions)
+    p2p, residuals = _nearest(shape.shape.evecs, learner.reference_.shape.evecs, C, functions)
     expected_error, confidence = learner.error_model_.predict(residuals)
     reduced = C @ learner.stable_basis_[:, : learner.n_stable_]
     return Match(p2p, expected_error, confidence, C, reduced, shape.name, learner.reference_.name)
@@ -664,11 +664,10 @@ def _observe_errors(
     """Return residuals and errors at the pairs of a training shape whose true vertex has known distances."""
     C, functions = maps
     chosen, distances = known
-    p2p, residuals = _nearest(shape, reference, C, functions)
     rows = np.flatnonzero(np.isin(join.vertices_0, chosen))
-    vertices = join.vertices_i[rows]
-    errors = distances[np.searchsorted(chosen, join.vertices_0[rows]), p2p[vertices]]
-    return residuals[vertices], errors
+    evecs_i = shape.shape.evecs[join.vertices_i[rows]]
+    p2p, residuals = _nearest(evecs_i, reference.shape.evecs, C, functions)
+    return residuals, distances[np.searchsorted(chosen, join.vertices_0[rows]), p2p]
 
 
 def _medoid(shapes: Sequence[ProbedShape], truths: Sequence[Correspondence], n_jobs: int | None) -> int:

@@ -30,7 +30,7 @@ class Optimum:
     gradient_norm : float
         Largest projected derivative of the loss per shape and function with respect to a log-weight.
     converged : bool
-        Whether the gradient fell below the tolerance, or no step lowers the loss to rounding.
+        Whether the gradient fell below the tolerance (ten times it, if rounding keeps any step from lowering the loss).
     message : str
         The optimiser's own word.
     """
@@ -104,8 +104,10 @@ def optimize_weights(
         method="L-BFGS-B",
         bounds=[(-LOG_WEIGHT_BOUND, LOG_WEIGHT_BOUND)] * n_groups,
         callback=record,
-        options={"maxiter": max_iter, "maxfun": 10 * max_iter, "gtol": tol, "ftol": 1e-12, "maxcor": 20},
+        options={"maxiter": max_iter, "maxfun": 10 * max_iter, "gtol": tol, "ftol": 0.0, "maxcor": 20},
     )
+    if not np.isfinite(result.fun):
+        raise FloatingPointError("The loss is not finite; raise alpha, or look for probes with extreme coefficients.")
     gradient_norm = _projected_gradient_norm(result.x, result.jac)
     return Optimum(
         np.exp(result.x)[groups],
@@ -113,7 +115,7 @@ def optimize_weights(
         int(result.nit),
         int(result.nfev) + 1,
         gradient_norm,
-        bool(result.success),
+        bool(result.success or gradient_norm <= 10 * tol),
         str(result.message),
     )
 

@@ -1,0 +1,120 @@
+"""A fresh triangulation of a creature at rest: every call's grid, and so every mesh, is its own."""
+
+import numpy as np
+import scipy.sparse as sp
+from scipy.spatial.transform import Rotation
+
+from skfmap._typing import FloatArray, IntArray
+from skfmap.datasets._creature_body import Body
+from skfmap.datasets._creature_field import gradient, project, signed_distance
+from skfmap.datasets._edge_flips import flip_edges
+from skfmap.geometry.isosurface import decimate, marching_cubes
+
+__all__ = ["mesh_body"]
+
+_COARSEST = 2.2
+_OVERSAMPLING = 2.5
+_BLOCK = 3
+_ROUNDS = 8
+_ATTEMPTS = 20
+
+
+def mesh_body(body: Body, n_vertices: int, rng: np.random.Generator) -> tuple[FloatArray, IntArray]:
+    """Triangulate the surface of a body at rest on a randomly rotated and shifted grid.
+
+    Parameters
+    ----------
+    body : Body
+        The body at rest.
+    n_vertices : int
+        Number of vertices of the mesh.
+    rng : numpy.random.Generator
+        Draws the grid and the numbering of the vertices.
+
+    Returns
+    -------
+    vertices : ndarray of shape (n_vertices, 3)
+        Points on the surface, evenly spread.
+    faces : ndarray of int, shape (2 * n_vertices - 4, 3)
+        Triangles of a closed manifold of genus 0, wound outwards.
+
+    Raises
+    ------
+    RuntimeError
+        If no grid gave such a mesh.
+    """
+    for _ in range(_ATTEMPTS):
+        vertices, faces = decimate(*marching_cubes(*_sample_grid(body, n_vertices, rng)), n_vertices)
+        if _is_sphere(vertices, faces, n_vertices):
+            return _shuffle(*_even_out(body, vertices, faces), rng)
+    raise RuntimeError(f"No mesh of {n_vertices} vertices came out closed and whole in {_ATTEMPTS} attempts.")
+
+
+def _sample_grid(body: Body, n_vertices: int, rng: np.random.Generator) -> tuple[FloatArray, FloatArray]:
+    """Return the signed distance on a grid, exact near the surface, and the grid's points."""
+    spacing = min(_COARSEST, np.sqrt(1.5 * _rough_area(body) / (_OVERSAMPLING * n_vertices)))
+    rotation = Rotation.from_quat(rng.normal(size=4)).as_matrix()
+    low, high = _bounds(body, rotation)
+    low = low - spacing * (2.0 + rng.random(3))
+    n_blocks = np.ceil((high - low + 3.0 * spacing) / (_BLOCK * spacing)).astype(int)
+    centres = low + spacing * (_BLOCK * _lattice(n_blocks) + (_BLOCK - 1) / 2)
+    points = low + spacing * _lattice(_BLOCK * n_blocks)
+    coarse = signed_distance(body, centres.reshape(-1, 3) @ rotation.T).reshape(n_blocks)
+    values = coarse.repeat(_BLOCK, axis=0).repeat(_BLOCK, axis=1).repeat(_BLOCK, axis=2)
+    points = points @ rotation.T
+    near = np.abs(values) < 2.0 * _BLOCK * spacing
+    values[near] = signed_distance(body, points[near])
+    return values, points
+
+
+def _lattice(shape: IntArray) -> FloatArray:
+    return np.stack(np.meshgrid(*(np.arange(float(n)) for n in shape), indexing="ij"), axis=-1)
+
+
+def _bounds(body: Body, rotation: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return the box around the body in coordinates of the rotated grid."""
+    ends = np.concatenate([body.starts, body.ends])
+    ends = np.concatenate([ends, ends * [-1.0, 1.0, 1.0, 1.0]])
+    centres, radii = ends[:, :3] @ rotation, ends[:, 3:]
+    return (centres - radii).min(axis=0), (centres + radii).max(axis=0)
+
+
+def _rough_area(body: Body) -> float:
+    starts, ends = body.starts, body.ends
+    lengths = np.linalg.norm((ends - starts)[:, :3], axis=1)
+    sides = np.where(starts[:, 0] > 0.0, 2.0, 1.0)
+    return float(np.pi * (sides * lengths * (starts[:, 3] + ends[:, 3])).sum())
+
+
+def _is_sphere(vertices: FloatArray, faces: IntArray, n_vertices: int) -> bool:
+    """Whether the mesh is one closed, manifold, consistently wound surface of genus 0 with all vertices asked for."""
+    if len(vertices) != n_vertices or len(faces) != 2 * n_vertices - 4:
+        return False
+    forward = np.concatenate([faces, np.roll(faces, -1, axis=1), np.roll(faces, 1, axis=1)])[:, :2]
+    directed = sp.coo_array((np.ones(len(forward)), forward.T), shape=(n_vertices, n_vertices)).tocsr()
+    closed = directed.max() == 1.0 and abs(directed - directed.T).nnz == 0
+    return bool(closed and sp.csgraph.connected_components(directed, directed=False)[0] == 1)
+
+
+def _even_out(body: Body, vertices: FloatArray, faces: IntArray) -> tuple[FloatArray, IntArray]:
+    """Flip edges, and slide vertices along the surface towards the mean of their neighbours."""
+    for _ in range(_ROUNDS):
+        faces = flip_edges(vertices, faces)
+        vertices = project(body, vertices + _slide(body, vertices, faces))
+    return vertices, flip_edges(vertices, faces)
+
+
+def _slide(body: Body, vertices: FloatArray, faces: IntArray) -> FloatArray:
+    """Return the tangential part of the way from each vertex to the mean of its neighbours."""
+    rows, columns = faces.ravel(), np.roll(faces, -1, axis=1).ravel()
+    neighbours = sp.coo_array((np.ones(len(rows)), (rows, columns)), shape=(len(vertices),) * 2).tocsr()
+    way = neighbours @ vertices / neighbours.sum(axis=1)[:, None] - vertices
+    normals = gradient(body, vertices, signed_distance(body, vertices))
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    return np.asarray(0.7 * (way - (way * normals).sum(axis=1, keepdims=True) * normals))
+
+
+def _shuffle(vertices: FloatArray, faces: IntArray, rng: np.random.Generator) -> tuple[FloatArray, IntArray]:
+    """Renumber the vertices at random, so that their numbers tell nothing."""
+    order = rng.permutation(len(vertices))
+    return vertices[order], np.argsort(order)[faces]

@@ -1,0 +1,98 @@
+"""Edge flips towards a Delaunay triangulation of a closed surface."""
+
+import numpy as np
+
+from skfmap._typing import BoolArray, FloatArray, IntArray
+
+__all__ = ["flip_edges"]
+
+
+def flip_edges(vertices: FloatArray, faces: IntArray, n_rounds: int = 4) -> IntArray:
+    """Flip edges that face more than 180 degrees, as long as the surface stays manifold and does not fold.
+
+    Parameters
+    ----------
+    vertices : ndarray of shape (n_vertices, 3)
+        Coordinates.
+    faces : ndarray of int, shape (n_faces, 3)
+        Triangles of a closed, manifold, consistently wound surface.
+    n_rounds : int
+        How often to look for edges to flip; in one round every triangle takes part in one flip at most.
+
+    Returns
+    -------
+    ndarray of int, shape (n_faces, 3)
+        Triangles, wound the same way.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from skfmap.datasets._edge_flips import flip_edges
+    >>> vertices = np.array([[-3, 0, 0], [3, 0, 0], [0, -1, 0], [0, 1, 0], [0, 0, -4.0]])
+    >>> faces = np.array([[0, 1, 3], [0, 2, 1], [0, 3, 4], [3, 1, 4], [1, 2, 4], [2, 0, 4]])
+    >>> flip_edges(vertices, faces)[:2].tolist()
+    [[2, 3, 0], [3, 2, 1]]
+    """
+    faces = faces.copy()
+    for _ in range(n_rounds):
+        corners, sides = _edges(faces)
+        wrong = _is_obtuse(vertices, corners) & ~_is_joined(corners, len(vertices)) & ~_would_fold(vertices, corners)
+        chosen = _independent(corners[wrong], sides[wrong])
+        if not len(chosen):
+            break
+        a, b, left, right = corners[wrong][chosen].T
+        faces[sides[wrong][chosen, 0]] = np.column_stack([right, left, a])
+        faces[sides[wrong][chosen, 1]] = np.column_stack([left, right, b])
+    return faces
+
+
+def _edges(faces: IntArray) -> tuple[IntArray, IntArray]:
+    """Return, per edge a < b, its corners (a, b, left apex, right apex) and the triangles on its two sides."""
+    starts, ends = faces.ravel(), np.roll(faces, -1, axis=1).ravel()
+    apexes = np.roll(faces, -2, axis=1).ravel()
+    owners = np.repeat(np.arange(len(faces)), 3)
+    up, down = np.flatnonzero(starts < ends), np.flatnonzero(starts > ends)
+    up = up[np.lexsort((ends[up], starts[up]))]
+    down = down[np.lexsort((starts[down], ends[down]))]
+    corners = np.column_stack([starts[up], ends[up], apexes[up], apexes[down]])
+    return corners, np.column_stack([owners[up], owners[down]])
+
+
+def _is_obtuse(vertices: FloatArray, corners: IntArray) -> BoolArray:
+    """Whether the two angles that face an edge add up to more than 180 degrees."""
+    a, b, left, right = (vertices[column] for column in corners.T)
+    return np.asarray(_angle(a - left, b - left) + _angle(a - right, b - right) > np.pi + 1e-6)
+
+
+def _angle(u: FloatArray, v: FloatArray) -> FloatArray:
+    return np.arctan2(np.linalg.norm(np.cross(u, v), axis=1), (u * v).sum(axis=1))
+
+
+def _is_joined(corners: IntArray, n_vertices: int) -> BoolArray:
+    """Whether the vertices that face an edge have an edge of their own already."""
+    present = corners[:, 0] * n_vertices + corners[:, 1]
+    ends = np.sort(corners[:, 2:], axis=1)
+    return np.isin(ends[:, 0] * n_vertices + ends[:, 1], present)
+
+
+def _would_fold(vertices: FloatArray, corners: IntArray) -> BoolArray:
+    """Whether one of the triangles after the flip looks away from those before it."""
+    a, b, left, right = (vertices[column] for column in corners.T)
+    before = np.cross(b - a, left - a) + np.cross(right - a, b - a)
+    first, second = np.cross(left - right, a - right), np.cross(right - left, b - left)
+    return np.asarray(np.minimum((before * first).sum(axis=1), (before * second).sum(axis=1)) <= 0.0)
+
+
+def _independent(corners: IntArray, sides: IntArray) -> IntArray:
+    """Return positions of flips, first come first served, that share no triangle and make no edge twice."""
+    taken: set[int] = set()
+    made: set[tuple[int, int]] = set()
+    chosen = []
+    for position, ((_, _, left, right), (face, other)) in enumerate(zip(corners.tolist(), sides.tolist(), strict=True)):
+        edge = (min(left, right), max(left, right))
+        if face in taken or other in taken or edge in made:
+            continue
+        taken.update((face, other))
+        made.add(edge)
+        chosen.append(position)
+    return np.array(chosen, dtype=np.int64)
