@@ -45,7 +45,7 @@ def make_creatures(
     body: str | Sequence[str] = "cat",
     n_points: int = 1500,
     pose_strength: float = 1.0,
-    variation: float = 0.06,
+    variation: float = 0.12,
     random_state: int = 0,
 ) -> Bunch:
     """Make a collection of one four-legged creature in many poses.
@@ -73,7 +73,7 @@ def make_creatures(
     sklearn.utils.Bunch
         With ``meshes``, a list of `Mesh`; ``correspondences``, a list of `Correspondence` with symmetric answers;
         ``names``, a list of str; ``template_points``, an array of shape (n_points, 3) on the cat at rest, whose second
-        half mirrors the first; and ``DESCR``.
+        half mirrors the first; ``up``, the axis that points up; and ``DESCR``.
 
     Raises
     ------
@@ -112,6 +112,7 @@ def make_creatures(
         correspondences=[correspondence for _, correspondence in shapes],
         names=[mesh.name for mesh, _ in shapes],
         template_points=_template(n_points, _TEMPLATE_BODY),
+        up="z",
         DESCR=_DESCR.format(bodies=", ".join(sorted(set(bodies))), n_points=n_points, template=_TEMPLATE_BODY),
     )
 
