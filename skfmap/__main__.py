@@ -29,6 +29,12 @@ _MATCHINGS: dict[str, dict[str, Any]] = {
 }
 
 
+_KINDS_EXPLAINED = (
+    "full: all functions alike; reduced: the more stable half; soft: all, weighted by stability\n"
+    "direct: nothing forgiven; consistent: the better side, once for the map; per vertex: the better side at each\n"
+)
+
+
 @dataclass(frozen=True)
 class _Result:
     """One weighting strategy: errors of each left-out shape by matching, and seconds of training per fold."""
@@ -148,17 +154,20 @@ def _table(results: dict[str | None, _Result]) -> str:
     """Return the table: weighting against error of full, reduced and soft maps."""
     symmetric = all(e.symmetric is not None for result in results.values() for e in result.errors["full"])
     kinds = ERROR_KINDS if symmetric else ERROR_KINDS[:1]
-    lines = ["Mean geodesic error over the shapes left out, x 100 / sqrt(area of the reference)"]
-    if symmetric:
-        lines.append(
-            "direct: nothing forgiven | consistent: better side for the whole map | per vertex: better side at each"
-        )
-    header = "".join(f"{name + ', ' + kind.replace('_', ' '):>22}" for name in _MATCHINGS for kind in kinds)
-    lines.append(f"{'weighting':<12}{'training s':>11}{header}")
+    groups = "".join(f" |{name:^{11 * len(kinds)}}" for name in _MATCHINGS)
+    columns = "".join(" |" + "".join(f"{kind.replace('_', ' '):>11}" for kind in kinds) for _ in _MATCHINGS)
+    lines = [
+        "Mean geodesic error over the shapes left out, x 100 / sqrt(area of the reference)",
+        *([_KINDS_EXPLAINED] if symmetric else []),
+        f"{'':<13}{'training':>9}{groups}",
+        f"{'weighting':<13}{'seconds':>9}{columns}",
+    ]
     for weighting, result in results.items():
-        means = [100 * np.mean([e.mean(kind) for e in result.errors[name]]) for name in _MATCHINGS for kind in kinds]
-        cells = "".join(f"{mean:>22.2f}" for mean in means)
-        lines.append(f"{weighting or 'none (D = I)':<12}{np.mean(result.seconds):>11.1f}{cells}")
+        cells = "".join(
+            " |" + "".join(f"{100 * np.mean([e.mean(kind) for e in errors]):>11.2f}" for kind in kinds)
+            for errors in result.errors.values()
+        )
+        lines.append(f"{weighting or 'none (D = I)':<13}{np.mean(result.seconds):>9.1f}{cells}")
     return "\n".join(lines)
 
 

@@ -107,7 +107,7 @@ def plot_matches(
     colours = _colours_of_position(reference)
     plot_function(reference, colours, ax=axes[0, 0], up=up).set_title(f"reference: {reference.name}", fontsize=10)
     axes[1, 0].set_axis_off()
-    worst = max(0.1, *(float(match.expected_error.max()) for match in matches))
+    worst = max(0.02, *(float(match.expected_error.max()) for match in matches))
     for column, (match, mesh) in enumerate(zip(matches, meshes, strict=True), start=1):
         title = f"{match.name}" + ("" if captions is None else f"\n{captions[column - 1]}")
         plot_function(mesh, colours[match.p2p], ax=axes[0, column], up=up).set_title(title, fontsize=10)

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from scipy.spatial import ConvexHull, cKDTree
 from scipy.spatial.transform import Rotation
+from threadpoolctl import threadpool_limits
 
 from skfmap import Correspondence, DescriptorTransformer, Mesh, SpectralBasis, WeightedFunctionalMapLearner
 
@@ -57,6 +58,13 @@ def _collection(poses, symmetric):
 
 def _probed(meshes, families=None):
     return DescriptorTransformer(families).transform(SpectralBasis(30).transform(meshes))
+
+
+@pytest.fixture(scope="session", autouse=True)
+def _one_thread():
+    """Keep OpenMP from waiting for cores that other processes hold: fifty times as slow on shapes of this size."""
+    with threadpool_limits(limits=1):
+        yield
 
 
 @pytest.fixture(scope="session")
