@@ -38,7 +38,9 @@ print("mean error:", -model.score(creatures.meshes[-1:], creatures.correspondenc
 
 # %%
 # The colours of the reference carried to the new shape, and the error to expect at each of its vertices.
+from matplotlib import pyplot as plt
+
 from skfmap.plotting import plot_matches
 
-figure = plot_matches([match], creatures.meshes[-1:], creatures.meshes[0], up="z")
-figure.savefig("matched-creature.png")
+plot_matches([match], creatures.meshes[-1:], creatures.meshes[0], up=creatures.up)
+plt.show()

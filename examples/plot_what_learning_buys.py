@@ -34,4 +34,4 @@ for weighting in (None, "unique", "category", "function"):
     axes.plot(np.arange(1, 51), errors, label="naive" if weighting is None else weighting)
 axes.set(xlabel="function of the basis, most stable first", ylabel="error on the unseen shape, equation (5)")
 axes.legend()
-figure.savefig("basis-error.png")
+plt.show()

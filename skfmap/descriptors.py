@@ -167,7 +167,7 @@ class DiffusedCurvature(ProbeFamily):
         The initial function is clipped to its area-weighted percentiles ``percentile`` and ``100 - percentile``.
     floor : float, default=1
         With ``logarithm``: curvature magnitude at unit area below which the logarithm stays flat; about the 1st
-        percentile of |Gaussian| and the 5th of |mean| curvature on a TOSCA cat.
+        percentile of the magnitude of Gaussian curvature, and the 5th of mean curvature, on a TOSCA cat.
     """
 
     def __init__(

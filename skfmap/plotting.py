@@ -43,12 +43,12 @@ def plot_function(
         The axes drawn on.
     """
     import matplotlib as mpl  # noqa: PLC0415
+    from matplotlib import pyplot as plt  # noqa: PLC0415
     from matplotlib.collections import PolyCollection  # noqa: PLC0415
-    from matplotlib.figure import Figure  # noqa: PLC0415
 
     check_choice(up, "up", ("x", "y", "z"))
     if ax is None:
-        ax = Figure(figsize=(4, 4)).add_subplot()
+        ax = plt.figure(figsize=(4, 4)).add_subplot()
     colours = np.asarray(values, dtype=np.float64)
     if colours.ndim == 1:
         low, high = (colours.min(), colours.max()) if limits is None else limits
@@ -96,13 +96,13 @@ def plot_matches(
     matplotlib Figure
         The picture.
     """
+    from matplotlib import pyplot as plt  # noqa: PLC0415
     from matplotlib.cm import ScalarMappable  # noqa: PLC0415
     from matplotlib.colors import Normalize  # noqa: PLC0415
-    from matplotlib.figure import Figure  # noqa: PLC0415
 
     if len(matches) != len(meshes) or not matches:
         raise ValueError(f"Give one mesh per match, and at least one; got {len(meshes)} and {len(matches)}.")
-    figure = Figure(figsize=(3.2 * (len(matches) + 1), 6.2), layout="constrained")
+    figure = plt.figure(figsize=(3.2 * (len(matches) + 1), 6.2), layout="constrained")
     axes = figure.subplots(2, len(matches) + 1, squeeze=False)
     colours = _colours_of_position(reference)
     plot_function(reference, colours, ax=axes[0, 0], up=up).set_title(f"reference: {reference.name}", fontsize=10)

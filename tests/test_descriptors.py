@@ -106,7 +106,7 @@ def test_oriented_probes_need_a_winding():
     # Three sheets that meet in one edge.
     angles = np.radians([0, 120, 240])
     wing = np.stack([np.cos(angles), np.sin(angles), np.zeros(3)], axis=1)
-    vertices = np.array([[0, 0, 0], [0, 0, 1], *wing, *(wing + [0, 0, 1])])
+    vertices = np.array([[0, 0, 0], [0, 0, 1], *wing, *(wing + np.array([0, 0, 1]))])
     faces = [face for i in range(3) for face in ([0, 1, 2 + i], [1, 5 + i, 2 + i])]
     with pytest.warns(OrientationWarning, match="fins"):
         shapes = SpectralBasis(4, laplacian="robust").transform([Mesh(vertices, faces, "fins")])

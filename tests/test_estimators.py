@@ -2,12 +2,14 @@
 
 import pickle
 from collections import Counter
+from dataclasses import replace
 
 import joblib
 import numpy as np
 import pytest
 import sklearn
 from numpy.testing import assert_array_equal
+from scipy.spatial.distance import cdist
 from scipy.spatial.transform import Rotation
 from sklearn.base import clone
 from sklearn.exceptions import ConvergenceWarning, NotFittedError
@@ -633,6 +635,24 @@ def test_point_maps_in_other_functions_than_fitted(make_learner, fitted, probed,
     assert_array_equal(cut.match(probed[5:])[0].p2p, asked)
     assert_array_equal(cut.point_maps(probed[5:], matching="soft")[0], fitted.point_maps(probed[5:])[0])
     assert_array_equal(fitted.point_maps(probed[5:])[0], fitted.match(probed[5:])[0].p2p)
+
+
+@pytest.mark.parametrize(("matching", "n_stable"), [("soft", None), ("cut", 5), ("cut", 1.0)])
+def test_points_are_neighbours_in_the_trusted_functions(fitted, probed, matching, n_stable):
+    Y, s = fitted.stable_basis_, fitted.stability_
+    functions = Y / (1 + (s / np.median(s)) ** 2) if matching == "soft" else Y[:, : 5 if n_stable == 5 else 12]
+    (C,) = fitted.functional_maps(probed[5:])
+    points_i, points_0 = probed[5].shape.evecs[:, :12] @ C @ functions, probed[0].shape.evecs[:, :12] @ functions
+    expected = cdist(points_i, points_0).argmin(axis=1)
+    assert (fitted.point_maps(probed[5:], matching=matching, n_stable=n_stable)[0] == expected).mean() > 0.99
+
+
+@pytest.mark.parametrize(("normalize", "invariant"), [("shape", True), ("reference", False)])
+def test_only_shapes_own_norms_take_out_the_amplitude(make_learner, probed, collection, normalize, invariant):
+    learner = make_learner(normalize=normalize, weighting=None).fit(probed[:3], collection.truths[:3])
+    loud = replace(probed[5], probes=2 * probed[5].probes)
+    difference = np.abs(learner.predict([loud]) - learner.predict(probed[5:])).max()
+    assert (difference < 1e-9) == invariant
 
 
 def test_point_maps_refuse_what_is_unknown(fitted, probed):

@@ -223,6 +223,9 @@ def test_faster_distances_disagree_with_exact_ones_as_stated(torus):
     paths = edge_path_distances(vertices, faces, sources)
     # A coarse torus; on a cat of 5,000 vertices the disagreement is 0.015.
     assert np.abs(heat - exact).mean() < 0.06 * exact.mean()
+    straight = np.linalg.norm(vertices[sources][:, None] - vertices, axis=2)
+    assert (heat >= straight - 1e-9).all()
+    assert (heat <= paths + 1e-9).all()
     assert (paths >= exact - 1e-9).all()
     assert 1.02 < paths.mean() / exact.mean() < 1.15
 

@@ -25,11 +25,14 @@ __all__ = [
 def heat_distances(vertices: FloatArray, faces: IntArray, sources: IntArray) -> FloatArray:
     """Return heat-method distances (Crane, Weischedel, Wardetzky 2013), shape (n_sources, n_vertices).
 
-    About 2 ms per source at 5,000 vertices. Against exact distances on a TOSCA cat they differ by 1.5 % of the mean
-    distance, and by 4 to 6 % where the distance is below 0.1 sqrt(area).
+    Kept between the straight line and the shortest path along edges, which bound the exact distance: near its source the
+    heat method alone reads up to 10 % low. About 3 ms per source at 5,000 vertices. On a TOSCA cat the disagreement with
+    exact distances is 1.4 % of the mean distance; below 0.1 sqrt(area) it is 1 to 2.5 %, 1 % low on average.
     """
     solver = pp3d.MeshHeatMethodDistanceSolver(vertices, faces)
-    return np.stack([solver.compute_distance(int(source)) for source in sources])
+    heat = np.stack([solver.compute_distance(int(source)) for source in sources])
+    straight = np.stack([np.linalg.norm(vertices - vertices[source], axis=1) for source in sources])
+    return np.asarray(np.clip(heat, straight, edge_path_distances(vertices, faces, sources)))
 
 
 def exact_distances(vertices: FloatArray, faces: IntArray, sources: IntArray) -> FloatArray:
@@ -40,7 +43,7 @@ def exact_distances(vertices: FloatArray, faces: IntArray, sources: IntArray) ->
 
 
 def edge_path_distances(vertices: FloatArray, faces: IntArray, sources: IntArray) -> FloatArray:
-    """Return lengths of shortest paths along edges (Dijkstra), shape (n_sources, n_vertices); 6 to 10 % too long."""
+    """Return lengths of shortest paths along edges (Dijkstra), shape (n_sources, n_vertices); 6 to 14 % too long."""
     return np.asarray(dijkstra(edge_graph(vertices, faces), directed=False, indices=sources))
 
 
