@@ -39,13 +39,15 @@ class ErrorModel:
         )
 
 
-def fit_error_model(residuals: FloatArray, errors: FloatArray) -> ErrorModel:
+def fit_error_model(residuals: FloatArray, errors: FloatArray, weights: FloatArray) -> ErrorModel:
     """Fit by isotonic regression, on at most 50 knots.
 
     Parameters
     ----------
     residuals, errors : ndarray of shape (n_samples,)
         Distances among the stable functions, and geodesic errors, of vertices of training shapes.
+    weights : ndarray of shape (n_samples,)
+        Share of each, positive.
 
     Returns
     -------
@@ -53,6 +55,6 @@ def fit_error_model(residuals: FloatArray, errors: FloatArray) -> ErrorModel:
         What to expect on a new shape.
     """
     knots = np.unique(np.quantile(residuals, np.linspace(0, 1, 50)))
-    error = IsotonicRegression(increasing=True, out_of_bounds="clip").fit(residuals, errors)
-    hit = IsotonicRegression(increasing=False, out_of_bounds="clip").fit(residuals, errors <= TOLERANCE)
+    error = IsotonicRegression(increasing=True, out_of_bounds="clip").fit(residuals, errors, weights)
+    hit = IsotonicRegression(increasing=False, out_of_bounds="clip").fit(residuals, errors <= TOLERANCE, weights)
     return ErrorModel(knots, np.asarray(error.predict(knots)), np.asarray(hit.predict(knots)))

@@ -1,4 +1,4 @@
-"""Work on many shapes: joblib over the shapes, one BLAS thread within each, the same result for every n_jobs."""
+"""Work on many shapes: joblib over the shapes, one thread within each, the same result for every n_jobs."""
 
 import sys
 from collections.abc import Callable, Iterable
@@ -22,8 +22,8 @@ def map_shapes(
 
 
 def single_threaded(function: Callable[..., Any], *arguments: Any) -> Any:
-    """Call with one BLAS thread: sums come out the same to the last bit wherever the call runs."""
-    with threadpool_limits(limits=1, user_api="blas"):
+    """Call with one BLAS and one OpenMP thread: sums come out the same to the last bit wherever the call runs."""
+    with threadpool_limits(limits=1):
         return function(*arguments)
 
 

@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from typing import Any
 
+from sklearn.model_selection._search import BaseSearchCV
 from sklearn.pipeline import Pipeline
 from sklearn.utils.validation import check_is_fitted
 
@@ -14,16 +15,17 @@ def learner_and_shapes(model: Any, X: Sequence[Any]) -> tuple[Any, Sequence[Any]
 
     ``model`` is a learner, a Pipeline that ends in one, or a fitted search over either.
     """
-    if hasattr(model, "estimator") and not hasattr(model, "match"):
-        check_is_fitted(model, "best_estimator_")
-        model = model.best_estimator_
     learner = model
-    if isinstance(model, Pipeline):
-        check_is_fitted(model[-1])
-        X, learner = (model[:-1].transform(X) if len(model) > 1 else X), model[-1]
-    if not hasattr(learner, "functional_maps"):
-        raise TypeError(
-            f"Expected a WeightedFunctionalMapLearner, a Pipeline that ends in one, or a fitted search over either; "
-            f"got {type(model).__name__}."
-        )
+    while not hasattr(learner, "functional_maps"):
+        if isinstance(learner, Pipeline):
+            X, learner = (learner[:-1].transform(X) if len(learner) > 1 else X), learner[-1]
+        elif isinstance(learner, BaseSearchCV):
+            check_is_fitted(learner, "best_estimator_")
+            learner = learner.best_estimator_
+        else:
+            raise TypeError(
+                "Expected a WeightedFunctionalMapLearner, a Pipeline that ends in one, or a fitted search over either; "
+                f"got {type(model).__name__}."
+            )
+    check_is_fitted(learner)
     return learner, X

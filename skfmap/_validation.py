@@ -56,7 +56,10 @@ def check_vertices(vertices: object, who: str) -> FloatArray:
 
 def check_faces(faces: object, n_vertices: int, who: str) -> IntArray:
     """Return ``faces`` as a private (n, 3) integer array whose entries are all vertex numbers."""
-    given = np.asarray(faces)
+    try:
+        given = np.asarray(faces)
+    except ValueError as error:
+        raise MeshError(f"The faces of {who} must all be triangles: {error}. Triangulate it first.") from error
     if given.ndim != 2 or given.shape[1] != 3:
         raise MeshError(
             f"The faces of {who} must be triangles, shape (n_faces, 3); got {given.shape}. Triangulate it first."
@@ -128,16 +131,18 @@ def check_choice(value: object, name: str, choices: Collection[object]) -> Any:
     return value
 
 
-def check_samples(X: object, what: str) -> Sequence[Any]:
+def check_samples(X: object, what: str, name: str = "X") -> Sequence[Any]:
     """Return the samples of ``X`` as a list; one bare sample, a table and emptiness are errors."""
-    if isinstance(X, np.ndarray) and X.dtype != object:
+    if isinstance(X, np.ndarray) and X.dtype.kind in "biufc":
         raise TypeError(
-            f"X must be a sequence of {what}; got a numeric array of shape {X.shape}. "
+            f"{name} must be a sequence of {what}; got a numeric array of shape {X.shape}. "
             "skfmap works on shapes, not on tables; see the quickstart."
         )
     if isinstance(X, (str, bytes, dict)) or not hasattr(X, "__iter__"):
-        raise TypeError(f"X must be a sequence of {what}; got one {type(X).__name__}. Wrap it in a list: [X].")
+        raise TypeError(
+            f"{name} must be a sequence of {what}; got one {type(X).__name__}. Wrap it in a list: [{name}]."
+        )
     samples = list(X)
     if not samples:
-        raise ValueError(f"X is empty; give at least one of: {what}.")
+        raise ValueError(f"{name} is empty; give at least one of: {what}.")
     return samples

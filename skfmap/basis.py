@@ -7,8 +7,8 @@ from typing import Any, Self
 import numpy as np
 from sklearn.base import BaseEstimator, TransformerMixin
 from sklearn.utils import Tags
-from sklearn.utils.validation import check_memory
 
+from skfmap._caching import cached
 from skfmap._parallel import map_shapes
 from skfmap._typing import FloatArray, SparseMatrix
 from skfmap._validation import check_choice, check_number, label
@@ -169,9 +169,9 @@ def _spectral_shape(mesh: Mesh, laplacian: str, n_components: int, memory: Any) 
     _check_mesh(mesh, laplacian, n_components)
     faces, consistent, outward = orient_faces(mesh.vertices, mesh.faces)
     oriented = mesh if np.array_equal(faces, mesh.faces) else Mesh(mesh.vertices, faces, mesh.name)
-    cached = check_memory(memory).cache(_eigenbasis, ignore=["mesh"])
+    compute = cached(_eigenbasis, memory, ignore="mesh")
     try:
-        evals, evecs, mass, stiffness = cached(oriented, oriented.content_hash, laplacian, int(n_components))
+        evals, evecs, mass, stiffness = compute(oriented, oriented.content_hash, laplacian, int(n_components))
     except (np.linalg.LinAlgError, RuntimeError) as error:
         raise MeshError(
             f"No eigenbasis for {label(mesh.name)}: {error}. Try SpectralBasis(laplacian='robust'), or mend the mesh."

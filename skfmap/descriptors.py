@@ -9,8 +9,8 @@ import numpy as np
 from sklearn.base import BaseEstimator, TransformerMixin, clone
 from sklearn.utils import Tags
 from sklearn.utils.metaestimators import _BaseComposition
-from sklearn.utils.validation import check_memory
 
+from skfmap._caching import cached
 from skfmap._parallel import map_shapes
 from skfmap._typing import FloatArray
 from skfmap._validation import check_choice, check_number, check_samples, label
@@ -278,7 +278,9 @@ class OrientedProducts(ProbeFamily):
 
     def check_parameters(self) -> None:
         """Raise for parameters that cannot be used."""
-        _check_range(self.n_sources, self.lambda_min, self.lambda_max, "lambda_min", "lambda_max", least=2)
+        _check_range(
+            self.n_sources, self.lambda_min, self.lambda_max, "lambda_min", "lambda_max", count="n_sources", least=2
+        )
         check_number(self.sigma, "sigma", low=0, strict=True)
 
     def labels(self) -> list[str]:
@@ -450,8 +452,13 @@ class DescriptorTransformer(TransformerMixin, _BaseComposition, auto_wrap_output
         own = {key: params.pop(key) for key in list(params) if key in self.get_params(deep=False)}
         super().set_params(**own)
         if params:
+            given = self.families
             self.families = [(name, clone(family)) for name, family in self._resolved()]
-            self._set_params("families", **params)
+            try:
+                self._set_params("families", **params)
+            except ValueError:
+                self.families = given
+                raise
         return self
 
     def _resolved(self) -> list[tuple[str, ProbeFamily]]:
@@ -466,6 +473,8 @@ class DescriptorTransformer(TransformerMixin, _BaseComposition, auto_wrap_output
         if isinstance(self.families, str) and self.families not in _SHORTHANDS:
             raise ValueError(f"families must be None, a list, or one of {sorted(_SHORTHANDS)}; got {self.families!r}.")
         families = self._resolved()
+        if not isinstance(families, (list, tuple)) or any(not _is_pair(item) for item in families):
+            raise TypeError(f"families must be a list of (name, ProbeFamily) pairs; got {self.families!r}.")
         if not families:
             raise ValueError("families is empty; give at least one (name, family) pair.")
         for name, family in families:
@@ -487,10 +496,14 @@ class DescriptorTransformer(TransformerMixin, _BaseComposition, auto_wrap_output
         return tags
 
 
+def _is_pair(item: object) -> bool:
+    return isinstance(item, (tuple, list)) and len(item) == 2 and isinstance(item[0], str)
+
+
 def _coefficients(shape: SpectralShape, families: list[ProbeFamily], memory: Any) -> FloatArray:
-    cached = check_memory(memory).cache(_stacked, ignore=["shape"])
+    compute = cached(_stacked, memory, ignore="shape")
     # The last eigenvalue tells bases of one mesh apart that differ in their Laplacian.
-    return np.asarray(cached(shape, families, shape.mesh.content_hash, shape.n_components, float(shape.evals[-1])))
+    return np.asarray(compute(shape, families, shape.mesh.content_hash, shape.n_components, float(shape.evals[-1])))
 
 
 def _stacked(shape: SpectralShape, families: list[ProbeFamily], *key: object) -> FloatArray:  # noqa: ARG001
@@ -517,8 +530,10 @@ def _mean_curvature(shape: SpectralShape) -> FloatArray:
     return mean_curvature(shape.vertices, shape.mesh.faces, shape.stiffness, shape.mass)
 
 
-def _check_range(n: object, low: object, high: object, low_name: str, high_name: str, *, least: int = 1) -> None:
-    check_number(n, "the number of functions", low=least, integer=True)
+def _check_range(
+    n: object, low: object, high: object, low_name: str, high_name: str, *, count: str = "n_functions", least: int = 1
+) -> None:
+    check_number(n, count, low=least, integer=True)
     check_number(low, low_name, low=0, strict=True)
     check_number(high, high_name, low=0, strict=True)
     if float(high) < float(low):  # type: ignore[arg-type]

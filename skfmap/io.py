@@ -1,5 +1,6 @@
 """Reading and writing meshes, vertex order kept."""
 
+import io
 import re
 from collections.abc import Sequence
 from pathlib import Path
@@ -47,19 +48,19 @@ def read_mesh(path: str | Path) -> Mesh:
         raise MeshError(f"{path} has the suffix {suffix!r}; skfmap reads {', '.join(MESH_SUFFIXES)}.")
     if not path.is_file():
         raise FileNotFoundError(f"There is no mesh file {path}.")
+    content = path.read_bytes()
+    if suffix == ".off":
+        content = _without_comments(content)
     try:
-        loaded = trimesh.load(path, process=False, maintain_order=True, force="mesh")
+        loaded = trimesh.load(
+            io.BytesIO(content), file_type=suffix[1:], process=False, maintain_order=True, force="mesh"
+        )
         vertices, faces = np.asarray(loaded.vertices), np.asarray(loaded.faces)
     except Exception as error:
         raise MeshError(f"{path} cannot be read as a triangle mesh: {type(error).__name__}: {error}.") from error
     if suffix == ".stl":
         vertices, faces = _weld(vertices, faces)
-    stored = _stored_count(path, suffix)
-    if stored is not None and stored != len(vertices):
-        raise MeshError(
-            f"{path} stores {stored} vertices, but {len(vertices)} were read, so that correspondences would point at "
-            "the wrong ones. Remove texture coordinates and normals, or save it as OFF."
-        )
+    _check_counts(path, _stored_counts(content, suffix), len(vertices), len(faces))
     return Mesh(vertices, faces, name=path.stem)
 
 
@@ -117,17 +118,37 @@ def _weld(vertices: FloatArray, faces: IntArray) -> tuple[FloatArray, IntArray]:
     return vertices[np.sort(first)], rank[inverse.ravel()][faces]
 
 
-def _stored_count(path: Path, suffix: str) -> int | None:
-    """Return how many vertices the file says it holds, or None where it does not say."""
+def _without_comments(content: bytes) -> bytes:
+    """Return an OFF file without its comments, which the reader takes for data in places."""
+    lines = (line.split(b"#", maxsplit=1)[0].strip() for line in content.splitlines())
+    return b"\n".join(line for line in lines if line) + b"\n"
+
+
+def _check_counts(path: Path, stored: tuple[int, int] | None, n_vertices: int, n_faces: int) -> None:
+    if stored is None:
+        return
+    if stored[0] != n_vertices:
+        raise MeshError(
+            f"{path} stores {stored[0]} vertices, but {n_vertices} were read, so that correspondences would point at "
+            "the wrong ones. Remove texture coordinates and normals, or save it as OFF."
+        )
+    if n_faces < stored[1]:
+        raise MeshError(f"{path} says that it holds {stored[1]} faces, but {n_faces} were read; the file is truncated.")
+
+
+def _stored_counts(content: bytes, suffix: str) -> tuple[int, int] | None:
+    """Return how many vertices and faces a file says it holds, or None where it does not say."""
     if suffix == ".stl":
         return None
-    text = path.read_bytes()
     if suffix == ".obj":
-        return len(re.findall(rb"^[ \t]*v[ \t]", text, flags=re.MULTILINE))
+        return _count_lines(content, b"v"), _count_lines(content, b"f")
     if suffix == ".ply":
-        found = re.search(rb"^element vertex (\d+)", text[:65536], flags=re.MULTILINE)
-        return int(found[1]) if found else None
-    lines = (line.split(b"#")[0].strip() for line in text[:65536].splitlines())
-    numbers = [line.removeprefix(b"OFF").strip() for line in lines if line.removeprefix(b"OFF").strip()]
-    head = numbers[0].split()[0] if numbers else b""
-    return int(head) if head.isdigit() else None
+        head = content[:65536]
+        vertices, faces = (re.search(rb"^element %s (\d+)" % kind, head, re.MULTILINE) for kind in (b"vertex", b"face"))
+        return (int(vertices[1]), int(faces[1])) if vertices and faces else None
+    numbers = content.lstrip().removeprefix(b"OFF").split(maxsplit=2)[:2]
+    return (int(numbers[0]), int(numbers[1])) if len(numbers) == 2 and b"".join(numbers).isdigit() else None
+
+
+def _count_lines(content: bytes, keyword: bytes) -> int:
+    return len(re.findall(rb"^[ \t]*%s[ \t]" % keyword, content, re.MULTILINE))

@@ -211,6 +211,8 @@ class WeightedFunctionalMapLearner(BaseEstimator):
         index = self._reference_index(shapes, truths)
         self._tell(f"reference: {label(shapes[index].name, 'shape')}")
         training = _split_off(index, shapes, truths, share)
+        if not training.share.any():
+            raise ValueError("sample_weight is zero for every shape but the reference; there is nothing to learn from.")
 
         joins = [_join(c, s, training) for c, s in zip(training.truths, training.shapes, strict=True)]
         maps = ground_truth_maps(training.shapes, training.reference, joins, self.n_functions, n_jobs=self.n_jobs)
@@ -331,7 +333,7 @@ class WeightedFunctionalMapLearner(BaseEstimator):
         """
         shapes = self._check_new(X)
         truths = _check_correspondences(y, shapes)
-        distances = reference_distances(self.reference_.shape.mesh, method, memory=self.memory, n_jobs=self.n_jobs)
+        distances = reference_distances(self.reference_.spectral.mesh, method, memory=self.memory, n_jobs=self.n_jobs)
         # All rows that any score on this reference can need, so that the cache holds them as one entry.
         distances.rows(_reference_vertices(self.reference_correspondence_))
         p2ps = self.point_maps(shapes, matching=matching, n_stable=n_stable)
@@ -395,8 +397,8 @@ class WeightedFunctionalMapLearner(BaseEstimator):
         learned = learn_functional_maps(
             reference.probes[:k],
             np.stack([shape.probes[:k] for shape in training.shapes]),
-            reference.shape.evals[:k],
-            np.stack([shape.shape.evals[:k] for shape in training.shapes]),
+            reference.spectral.evals[:k],
+            np.stack([shape.spectral.evals[:k] for shape in training.shapes]),
             maps,
             weighting=self.weighting,
             categories=reference.probe_categories,
@@ -422,17 +424,20 @@ class WeightedFunctionalMapLearner(BaseEstimator):
     def _calibrate(self, training: "_Training", joins: Sequence[JoinedPairs], maps: FloatArray) -> Any:
         """Relate residuals to errors at well-spread vertices of the reference, on the training shapes."""
         self._tell("calibrating expected errors")
-        mesh = training.reference.shape.mesh
+        mesh = training.reference.spectral.mesh
         known = np.unique(np.concatenate([join.vertices_0 for join in joins]))
         chosen = np.sort(farthest_vertices(mesh.vertices, mesh.faces, known, _N_CALIBRATION))
-        distances = heat_distances(training.reference.shape.vertices, mesh.faces, chosen)
+        distances = heat_distances(training.reference.spectral.vertices, mesh.faces, chosen)
         functions = self._trusted_functions(self.matching, self.n_stable_)
         arguments = (
             (shape, training.reference, join, (C, functions), (chosen, distances))
             for shape, join, C in zip(training.shapes, joins, maps, strict=True)
         )
-        residuals, errors = zip(*map_shapes(_observe_errors, arguments, n_jobs=self.n_jobs, verbose=0), strict=True)
-        return fit_error_model(np.concatenate(residuals), np.concatenate(errors))
+        observed = map_shapes(_observe_errors, arguments, n_jobs=self.n_jobs, verbose=0)
+        kept = [(*both, share) for both, share in zip(observed, training.share, strict=True) if share > 0]
+        residuals, errors, shares = zip(*kept, strict=True)
+        weights = np.repeat(shares, [len(part) for part in errors])
+        return fit_error_model(np.concatenate(residuals), np.concatenate(errors), weights)
 
     def _trusted_functions(self, matching: str, p: int) -> FloatArray:
         """Return the functions that points are matched in, shape (k, p) or (k, k)."""
@@ -445,8 +450,9 @@ class WeightedFunctionalMapLearner(BaseEstimator):
         shapes = _check_shapes(X, len(self.stable_basis_))
         for i, shape in enumerate(shapes):
             if shape.probe_names != self.reference_.probe_names:
+                who = f"X[{i}]" if shape.name is None else f"X[{i}] ({shape.name!r})"
                 raise ValueError(
-                    f"X[{i}] has other probe functions than the training shapes ({shape.probes.shape[1]} against "
+                    f"{who} has other probe functions than the training shapes ({shape.probes.shape[1]} against "
                     f"{len(self.probe_names_)}); use the same DescriptorTransformer."
                 )
         return shapes
@@ -606,14 +612,14 @@ def _ground_truth(shape: ProbedShape, reference: ProbedShape, join: JoinedPairs,
             f"{label(shape.name, 'shape')} has {len(landmarks)} vertices with a partner on {reference.name!r}, too few "
             f"for n_functions={k}; give more pairs, or lower n_functions to well below {len(landmarks)}."
         )
-    mesh = shape.shape.mesh
-    areas = areas_of_landmarks(mesh.vertices, mesh.faces, shape.shape.mass, landmarks)
+    mesh = shape.spectral.mesh
+    areas = areas_of_landmarks(mesh.vertices, mesh.faces, shape.spectral.mass, landmarks)
     per_vertex = np.bincount(inverse, join.weights)
     share = areas[inverse] * join.weights / np.maximum(per_vertex[inverse], 1e-300)
-    evals_i, evals_0 = shape.shape.evals[:k], reference.shape.evals[:k]
+    evals_i, evals_0 = shape.spectral.evals[:k], reference.spectral.evals[:k]
     return map_from_pairs(
-        shape.shape.evecs[join.vertices_i, :k],
-        reference.shape.evecs[join.vertices_0, :k],
+        shape.spectral.evecs[join.vertices_i, :k],
+        reference.spectral.evecs[join.vertices_0, :k],
         share,
         REGULARIZERS["laplacian"](evals_i, evals_0),
     )
@@ -622,7 +628,7 @@ def _ground_truth(shape: ProbedShape, reference: ProbedShape, join: JoinedPairs,
 def _solve(learner: WeightedFunctionalMapLearner, shape: ProbedShape) -> FloatArray:
     k, reference = len(learner.stable_basis_), learner.reference_
     probes_0, probes_i = reference.probes[:k], shape.probes[:k]
-    penalty = penalty_of(shape.shape.evals[:k], reference.shape.evals[:k], learner.alpha, learner.regularizer)
+    penalty = penalty_of(shape.spectral.evals[:k], reference.spectral.evals[:k], learner.alpha, learner.regularizer)
     return solve_functional_map(
         scale_by(probes_0, probes_0, learner.normalize),
         scale_by(probes_0, probes_i, learner.normalize),
@@ -642,13 +648,13 @@ def _nearest(
 
 
 def _point_map(learner: WeightedFunctionalMapLearner, shape: ProbedShape, functions: FloatArray) -> IntArray:
-    return _nearest(shape.shape.evecs, learner.reference_.shape.evecs, _solve(learner, shape), functions)[0]
+    return _nearest(shape.spectral.evecs, learner.reference_.spectral.evecs, _solve(learner, shape), functions)[0]
 
 
 def _match(learner: WeightedFunctionalMapLearner, shape: ProbedShape) -> Match:
     C = _solve(learner, shape)
     functions = learner._trusted_functions(learner.matching, learner.n_stable_)
-    p2p, residuals = _nearest(shape.shape.evecs, learner.reference_.shape.evecs, C, functions)
+    p2p, residuals = _nearest(shape.spectral.evecs, learner.reference_.spectral.evecs, C, functions)
     expected_error, confidence = learner.error_model_.predict(residuals)
     reduced = C @ learner.stable_basis_[:, : learner.n_stable_]
     return Match(p2p, expected_error, confidence, C, reduced, shape.name, learner.reference_.name)
@@ -665,8 +671,8 @@ def _observe_errors(
     C, functions = maps
     chosen, distances = known
     rows = np.flatnonzero(np.isin(join.vertices_0, chosen))
-    evecs_i = shape.shape.evecs[join.vertices_i[rows]]
-    p2p, residuals = _nearest(evecs_i, reference.shape.evecs, C, functions)
+    evecs_i = shape.spectral.evecs[join.vertices_i[rows]]
+    p2p, residuals = _nearest(evecs_i, reference.spectral.evecs, C, functions)
     return residuals, distances[np.searchsorted(chosen, join.vertices_0[rows]), p2p]
 
 
@@ -678,7 +684,7 @@ def _medoid(shapes: Sequence[ProbedShape], truths: Sequence[Correspondence], n_j
     if len(common) < 2:
         raise CorrespondenceError("reference='medoid' needs template points that all shapes have; name a shape.")
     vertices = [_vertices_at(truth, common) for truth in truths]
-    first = shapes[0].shape.mesh
+    first = shapes[0].spectral.mesh
     spread = farthest_vertices(first.vertices, first.faces, np.unique(vertices[0]), _N_MEDOID)
     columns = np.searchsorted(vertices[0], spread, sorter=np.argsort(vertices[0], kind="stable"))
     columns = np.argsort(vertices[0], kind="stable")[columns]
@@ -696,7 +702,7 @@ def _vertices_at(truth: Correspondence, points: IntArray) -> IntArray:
 
 
 def _landmark_distances(shape: ProbedShape, landmarks: IntArray) -> FloatArray:
-    return heat_distances(shape.shape.vertices, shape.shape.mesh.faces, landmarks)[:, landmarks]
+    return heat_distances(shape.spectral.vertices, shape.spectral.mesh.faces, landmarks)[:, landmarks]
 
 
 def _check_shapes(X: object, n_functions: int) -> Sequence[ProbedShape]:
@@ -710,9 +716,9 @@ def _check_shapes(X: object, n_functions: int) -> Sequence[ProbedShape]:
                 f"X[{i}] is a {type(shape).__name__}, not a ProbedShape; put SpectralBasis and DescriptorTransformer "
                 "before the learner."
             )
-        if shape.shape.n_components < n_functions:
+        if shape.spectral.n_components < n_functions:
             raise ValueError(
-                f"{who} has {shape.shape.n_components} eigenfunctions, fewer than n_functions={n_functions}; raise "
+                f"{who} has {shape.spectral.n_components} eigenfunctions, fewer than n_functions={n_functions}; raise "
                 "n_components of SpectralBasis, or lower n_functions."
             )
         if shape.probe_names != shapes[0].probe_names:
@@ -727,7 +733,7 @@ def _check_shapes(X: object, n_functions: int) -> Sequence[ProbedShape]:
 def _check_correspondences(y: object, shapes: Sequence[ProbedShape]) -> list[Correspondence]:
     if y is None:
         raise ValueError("y is None; the learner needs where each shape lies on the template: one Correspondence each.")
-    items = check_samples(y, "correspondences")
+    items = check_samples(y, "correspondences", "y")
     if len(items) != len(shapes):
         raise ValueError(f"X has {len(shapes)} shapes, but y has {len(items)} correspondences; give one for each.")
     return [_check_correspondence(item, i, shape) for i, (item, shape) in enumerate(zip(items, shapes, strict=True))]
@@ -736,12 +742,14 @@ def _check_correspondences(y: object, shapes: Sequence[ProbedShape]) -> list[Cor
 def _check_correspondence(item: object, i: int, shape: ProbedShape) -> Correspondence:
     who = f"y[{i}]" if shape.name is None else f"y[{i}] (of {shape.name!r})"
     truth = item if isinstance(item, Correspondence) else Correspondence(check_pairs(item, who))
-    n_vertices = shape.shape.mesh.n_vertices
+    n_vertices = shape.spectral.mesh.n_vertices
     check_index_range(truth.pairs[:, 0], n_vertices, f"The pairs of {who}")
     if truth.symmetric_pairs is not None:
         check_index_range(truth.symmetric_pairs[:, 0], n_vertices, f"The symmetric pairs of {who}")
     if len(truth.pairs) == 0:
         raise CorrespondenceError(f"{who} holds no pairs; leave the shape out.")
+    if truth.weights is not None and not truth.weights.any():
+        raise CorrespondenceError(f"All weights of {who} are zero; leave the shape out.")
     return truth
 
 
@@ -751,6 +759,6 @@ def _check_sample_weight(sample_weight: Sequence[float] | None, n_shapes: int) -
     if sample_weight is None:
         return np.ones(n_shapes)
     share = np.array(sample_weight, dtype=np.float64)
-    if share.shape != (n_shapes,) or not np.isfinite(share).all() or (share < 0).any() or share.sum() == 0:
+    if share.shape != (n_shapes,) or not np.isfinite(share).all() or (share < 0).any() or not share.any():
         raise ValueError(f"sample_weight must be {n_shapes} finite, non-negative numbers, not all zero; got {share}.")
     return share

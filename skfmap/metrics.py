@@ -11,8 +11,8 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from sklearn.utils.validation import check_memory
 
+from skfmap._caching import cached
 from skfmap._parallel import map_shapes
 from skfmap._typing import FloatArray, IntArray
 from skfmap._unwrap import learner_and_shapes
@@ -96,9 +96,9 @@ class GeodesicDistances:
         """Return distances from distinct sources to all vertices, float32 of shape (n_sources, n_vertices)."""
         missing = sources[self._row_of[sources] < 0]
         if len(missing):
-            cached = check_memory(self.memory).cache(_distance_block, ignore=["mesh"])
+            compute = cached(_distance_block, self.memory, ignore="mesh")
             blocks = np.array_split(missing, max(1, len(missing) // 500))
-            arguments = ((cached, self.mesh, self.mesh.content_hash, self.method, block) for block in blocks)
+            arguments = ((compute, self.mesh, self.mesh.content_hash, self.method, block) for block in blocks)
             computed = map_shapes(_call, arguments, n_jobs=self.n_jobs, verbose=0)
             self._row_of[missing] = len(self._rows) + np.arange(len(missing))
             self._rows = np.concatenate([self._rows, *computed])

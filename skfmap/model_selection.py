@@ -55,7 +55,7 @@ class PinnedReference(BaseCrossValidator):
         rest = np.arange(1, self._n_samples(X))
         inner_y = None if y is None else [y[i] for i in rest.tolist()]
         inner_groups = None if groups is None else np.asarray(groups)[rest]
-        for train, test in check_cv(self.cv).split([X[i] for i in rest.tolist()], inner_y, inner_groups):
+        for train, test in self._inner().split([X[i] for i in rest.tolist()], inner_y, inner_groups):
             yield np.concatenate([[0], rest[train]]), rest[test]
 
     def get_n_splits(self, X: Any = None, y: Any = None, groups: Any = None) -> int:
@@ -63,7 +63,12 @@ class PinnedReference(BaseCrossValidator):
         inner = None if X is None else list(range(1, self._n_samples(X)))
         inner_y = None if y is None or X is None else [y[i] for i in range(1, len(X))]
         inner_groups = None if groups is None else np.asarray(groups)[1:]
-        return int(check_cv(self.cv).get_n_splits(inner, inner_y, inner_groups))
+        return int(self._inner().get_n_splits(inner, inner_y, inner_groups))
+
+    def _inner(self) -> Any:
+        if hasattr(self.cv, "__next__"):  # a generator of splits would be used up by the first call
+            self.cv = list(self.cv)
+        return check_cv(self.cv)
 
     @staticmethod
     def _n_samples(X: Sequence[Any]) -> int:

@@ -3,7 +3,7 @@
 import hashlib
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Self
+from typing import Any, Self
 
 import numpy as np
 import scipy.sparse as sp
@@ -62,6 +62,14 @@ class Mesh:
         """Return a line with name and counts."""
         name = "" if self.name is None else f"{self.name!r}, "
         return f"Mesh({name}n_vertices={self.n_vertices}, n_faces={self.n_faces})"
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Pickle what was given and nothing cached; copies are checked and immutable too."""
+        return Mesh, (self.vertices, self.faces, self.name)
+
+    def __deepcopy__(self, memo: object) -> Self:
+        """Return the mesh itself: it cannot change."""
+        return self
 
     @property
     def n_vertices(self) -> int:
@@ -167,17 +175,17 @@ class ProbedShape:
 
     Attributes
     ----------
-    shape : SpectralShape
+    spectral : SpectralShape
         The shape and its basis.
     probes : ndarray of shape (n_components, n_probes)
-        Raw coefficients of the probe functions in ``shape.evecs``: neither centred nor normalised.
+        Raw coefficients of the probe functions in ``spectral.evecs``: neither centred nor normalised.
     probe_names : tuple of str
         Name of each probe function, equal on all shapes that one transformer made.
     probe_categories : tuple of str
         Family of each probe function.
     """
 
-    shape: SpectralShape
+    spectral: SpectralShape
     probes: FloatArray
     probe_names: tuple[str, ...]
     probe_categories: tuple[str, ...]
@@ -189,11 +197,11 @@ class ProbedShape:
     @property
     def name(self) -> str | None:
         """Name of the mesh."""
-        return self.shape.name
+        return self.spectral.name
 
     def functions(self) -> FloatArray:
         """Return the probe functions on the vertices, smoothed by the basis; shape (n_vertices, n_probes)."""
-        return np.asarray(self.shape.evecs @ self.probes)
+        return np.asarray(self.spectral.evecs @ self.probes)
 
 
 @dataclass(frozen=True, eq=False)
@@ -271,6 +279,14 @@ class Correspondence:
         n_symmetric = len(self.symmetric_pairs)
         checked = _check_weights(self.symmetric_weights, n_symmetric, "symmetric_weights")
         object.__setattr__(self, "symmetric_weights", checked)
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Pickle so that copies are checked and immutable too."""
+        return _correspondence, (self.pairs, self.symmetric_pairs, self.weights, self.symmetric_weights)
+
+    def __deepcopy__(self, memo: object) -> Self:
+        """Return the correspondence itself: it cannot change."""
+        return self
 
     def __repr__(self) -> str:
         """Return a line with counts."""
@@ -396,8 +412,15 @@ class Correspondence:
         -------
         Correspondence
             Pairs and symmetric pairs on those points.
+
+        Raises
+        ------
+        TypeError
+            If ``points`` holds anything but integers.
         """
         kept = np.asarray(points)
+        if not np.issubdtype(kept.dtype, np.integer):
+            raise TypeError(f"points must be template points, an array of integers; got {type(points).__name__}.")
         rows = np.isin(self.pairs[:, 1], kept)
         weights = None if self.weights is None else self.weights[rows]
         if self.symmetric_pairs is None:
@@ -447,6 +470,12 @@ class Match:
         """Return a line with both names and the mean expected error."""
         mean = self.expected_error.mean()
         return f"Match({self.name!r} -> {self.reference_name!r}, mean expected error {mean:.3f} sqrt(area))"
+
+
+def _correspondence(
+    pairs: IntArray, symmetric: IntArray | None, weights: FloatArray | None, symmetric_weights: FloatArray | None
+) -> Correspondence:
+    return Correspondence(pairs, symmetric, weights=weights, symmetric_weights=symmetric_weights)
 
 
 def _enumerate(values: object, who: str) -> IntArray:

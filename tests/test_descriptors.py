@@ -119,7 +119,7 @@ def test_oriented_probes_need_a_winding():
 @pytest.mark.parametrize(
     ("family", "message"),
     [
-        (HeatKernelSignature(0), "number of functions"),
+        (HeatKernelSignature(0), "n_functions"),
         (HeatKernelSignature(t_min=0), "t_min"),
         (HeatKernelSignature(t_min=2, t_max=1), "t_max must be at least t_min"),
         (WaveKernelSignature(sigma=0), "sigma"),
@@ -128,7 +128,7 @@ def test_oriented_probes_need_a_winding():
         (DiffusedCurvature(percentile=50), "percentile"),
         (DiffusedCurvature(floor=0), "floor"),
         (MeshSaliency(sigma_max=0.001), "sigma_max must be at least"),
-        (OrientedProducts(1), "number of functions"),
+        (OrientedProducts(1), "n_sources"),
     ],
 )
 def test_bad_parameters_are_named(family, message, collection):

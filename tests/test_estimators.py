@@ -62,7 +62,7 @@ def model(collection):
 
 @pytest.fixture
 def spectral(probed):
-    return [shape.shape for shape in probed]
+    return [shape.spectral for shape in probed]
 
 
 # Parameters
@@ -209,7 +209,9 @@ def test_unfitted_models_say_so(make_learner, make_model, probed, collection):
 
 def test_fit_returns_self_and_changes_neither_parameters_nor_input(make_learner, probed, collection):
     def content():
-        arrays = [array for s in probed[:3] for array in (s.probes, s.shape.evals, s.shape.evecs, s.shape.mass)]
+        arrays = [
+            array for s in probed[:3] for array in (s.probes, s.spectral.evals, s.spectral.evecs, s.spectral.mass)
+        ]
         return joblib.hash([*arrays, *(truth.pairs for truth in collection.truths[:3])])
 
     share = np.array([1.0, 2.0, 0.5])
@@ -277,7 +279,7 @@ def test_a_saved_model_holds_one_mesh(fitted, collection):
     saved = pickle.dumps(fitted)
     for mesh in collection.meshes[1:]:
         assert mesh.vertices.tobytes() not in saved
-    assert fitted.reference_.shape.mesh.vertices.tobytes() in saved
+    assert fitted.reference_.spectral.mesh.vertices.tobytes() in saved
 
 
 def test_the_number_of_jobs_changes_no_bit(make_model, collection):
@@ -468,7 +470,7 @@ def test_a_cache_tells_parameters_apart(tmp_path, calls, collection):
         calls.clear()
         (probed,) = descriptors.transform(basis.transform(mesh))
         assert_array_equal(probed.probes, plain[0].probes)
-        assert_array_equal(probed.shape.evecs, plain[0].shape.evecs)
+        assert_array_equal(probed.spectral.evecs, plain[0].spectral.evecs)
         return calls["laplacian_eigenbasis"], calls["heat_kernel_signature"]
 
     assert run() == (1, 1)
@@ -490,7 +492,7 @@ def test_a_cache_is_not_confused_by_two_meshes_of_one_name(tmp_path, collection)
     )
     for one, other in zip(cached, plain, strict=True):
         assert_array_equal(one.probes, other.probes)
-        assert_array_equal(one.shape.evals, other.shape.evals)
+        assert_array_equal(one.spectral.evals, other.spectral.evals)
 
 
 def test_a_search_computes_each_basis_once(tmp_path, calls, make_model, collection):
@@ -642,7 +644,7 @@ def test_points_are_neighbours_in_the_trusted_functions(fitted, probed, matching
     Y, s = fitted.stable_basis_, fitted.stability_
     functions = Y / (1 + (s / np.median(s)) ** 2) if matching == "soft" else Y[:, : 5 if n_stable == 5 else 12]
     (C,) = fitted.functional_maps(probed[5:])
-    points_i, points_0 = probed[5].shape.evecs[:, :12] @ C @ functions, probed[0].shape.evecs[:, :12] @ functions
+    points_i, points_0 = probed[5].spectral.evecs[:, :12] @ C @ functions, probed[0].spectral.evecs[:, :12] @ functions
     expected = cdist(points_i, points_0).argmin(axis=1)
     assert (fitted.point_maps(probed[5:], matching=matching, n_stable=n_stable)[0] == expected).mean() > 0.99
 

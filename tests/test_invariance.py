@@ -21,10 +21,10 @@ def transformed(mesh, truth, seed):
 
 def operator(learner, shape):
     """Return Phi_i C Y_p Y_p^T Phi_0^T M_0, from functions on the vertices of S_0 to functions on those of S_i."""
-    reference, k = learner.reference_.shape, learner.n_functions
+    reference, k = learner.reference_.spectral, learner.n_functions
     stable = learner.stable_basis_[:, : learner.n_stable_]
     C = learner.functional_maps([shape])[0]
-    return shape.shape.evecs[:, :k] @ C @ stable @ stable.T @ reference.evecs[:, :k].T * reference.mass
+    return shape.spectral.evecs[:, :k] @ C @ stable @ stable.T @ reference.evecs[:, :k].T * reference.mass
 
 
 @pytest.fixture(scope="module")

@@ -238,7 +238,7 @@ def test_basis_errors_sum_to_the_frobenius_norm():
 
 
 def test_coverage_is_the_share_of_area_that_is_hit(probed):
-    mass = probed[0].shape.mass
+    mass = probed[0].spectral.mass
     assert coverage(np.arange(500), mass) == pytest.approx(1)
     assert coverage(np.repeat([4, 8], 100), mass) == pytest.approx(mass[[4, 8]].sum())
     assert coverage(np.arange(500), 3 * mass) == pytest.approx(1)

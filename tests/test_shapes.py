@@ -108,7 +108,7 @@ def test_joblib_sees_the_same_mesh_before_and_after_its_area_is_known(tetrahedro
 
 
 def test_samples_do_not_look_like_arrays(mesh, probed, collection):
-    for thing in (mesh, probed[0], probed[0].shape, collection.truths[0]):
+    for thing in (mesh, probed[0], probed[0].spectral, collection.truths[0]):
         for attribute in ("__len__", "__array__", "__array_interface__", "__iter__", "__getitem__"):
             assert not hasattr(thing, attribute), (thing, attribute)
     assert not hasattr(mesh, "shape")
@@ -173,7 +173,7 @@ def test_spectral_shape_keeps_both_units(collection):
 
 
 def test_truncation_keeps_the_first_functions(probed):
-    shape = probed[0].shape
+    shape = probed[0].spectral
     cut = shape.truncate(5)
     assert cut.n_components == 5
     np.testing.assert_array_equal(cut.evecs, shape.evecs[:, :5])
@@ -183,10 +183,10 @@ def test_truncation_keeps_the_first_functions(probed):
 def test_a_single_function_of_the_probed_shape_is_its_column(probed):
     shape = probed[1]
     functions = shape.functions()
-    assert functions.shape == (shape.shape.mesh.n_vertices, len(shape.probe_names))
-    np.testing.assert_allclose(functions[:, 3], shape.shape.evecs @ shape.probes[:, 3])
+    assert functions.shape == (shape.spectral.mesh.n_vertices, len(shape.probe_names))
+    np.testing.assert_allclose(functions[:, 3], shape.spectral.evecs @ shape.probes[:, 3])
     assert "body1" in repr(shape)
-    assert "body1" in repr(shape.shape)
+    assert "body1" in repr(shape.spectral)
 
 
 def test_match_says_both_names():

@@ -7,6 +7,7 @@ import numpy as np
 from sklearn.utils import Bunch
 
 from skfmap._typing import IntArray
+from skfmap._validation import check_index_range
 from skfmap.exceptions import CorrespondenceError
 from skfmap.io import MESH_SUFFIXES, read_mesh
 from skfmap.shapes import Correspondence, Mesh
@@ -126,16 +127,17 @@ def _read_vts(path: Path, mesh: Mesh) -> IntArray:
 
 
 def _read_integers(path: Path) -> IntArray:
+    if not path.read_bytes().strip():
+        raise CorrespondenceError(f"{path} is empty.")
     try:
         values = np.load(path, allow_pickle=False) if path.suffix == ".npy" else np.loadtxt(path)
     except (ValueError, OSError, EOFError) as error:
         raise CorrespondenceError(f"{path} cannot be read as numbers: {error}.") from error
     if values.size == 0:
         raise CorrespondenceError(f"{path} is empty.")
-    whole = values.astype(np.int64)
-    if not np.array_equal(whole, values):
+    if values.dtype.kind not in "iuf" or not (np.isfinite(values) & (values == np.round(values))).all():
         raise CorrespondenceError(f"{path} must hold whole numbers.")
-    return whole
+    return values.astype(np.int64)
 
 
 def _of_kind(kind: str, values: IntArray, path: Path, mesh: Mesh) -> Correspondence:
@@ -146,8 +148,10 @@ def _of_kind(kind: str, values: IntArray, path: Path, mesh: Mesh) -> Corresponde
                 f"one column {path.stem}.vertices{path.suffix} (template point of each vertex) or "
                 f"{path.stem}.template{path.suffix} (vertex of each template point)."
             )
+        check_index_range(values[:, 0], mesh.n_vertices, f"The pairs of {path}")
         return Correspondence(values)
     if kind == "template":
+        check_index_range(values[values >= 0], mesh.n_vertices, f"The entries of {path}")
         return Correspondence.from_template(values)
     if values.shape != (mesh.n_vertices,):
         raise CorrespondenceError(

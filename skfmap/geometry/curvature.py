@@ -4,17 +4,20 @@ import igl
 import numpy as np
 
 from skfmap._typing import FloatArray, IntArray, SparseMatrix
-from skfmap.geometry.faults import boundary_vertices
+from skfmap.geometry.faults import boundary_vertices, degenerate_faces
 
 __all__ = ["clip_by_area", "gaussian_curvature", "log_magnitude", "mean_curvature"]
 
 
 def gaussian_curvature(vertices: FloatArray, faces: IntArray, mass: FloatArray) -> FloatArray:
-    """Return the angle defect over the area of each vertex, shape (n_vertices,); 0 on the boundary, where it has none.
+    """Return the angle defect over the area of each vertex, shape (n_vertices,).
 
-    By the theorem of Gauss and Bonnet its integral over a closed surface is 2 pi times the Euler characteristic.
+    It is 0 on the boundary, where there is none, and at faces without area, whose angles are unknown. By the theorem of
+    Gauss and Bonnet its integral over a sound closed surface is 2 pi times the Euler characteristic.
     """
-    defect = np.asarray(igl.gaussian_curvature(vertices, faces))
+    flat = degenerate_faces(vertices, faces)
+    defect = np.asarray(igl.gaussian_curvature(vertices, np.delete(faces, flat, axis=0)))
+    defect[faces[flat]] = 0.0
     defect[boundary_vertices(faces, len(vertices))] = 0.0
     return defect / mass
 
