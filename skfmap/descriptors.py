@@ -35,7 +35,7 @@ __all__ = [
 ]
 
 
-class ProbeFamily(BaseEstimator, ABC):
+class ProbeFamily(TransformerMixin, BaseEstimator, ABC, auto_wrap_output_keys=None):  # type: ignore[call-arg]
     """A family of probe functions; derive from it to add one.
 
     A family is stateless: its scales are constants on shapes of unit area, so that a probe means the same on every
@@ -467,14 +467,14 @@ class DescriptorTransformer(TransformerMixin, _BaseComposition, auto_wrap_output
             return default_families()
         if isinstance(self.families, str):
             return _SHORTHANDS[self.families]() if self.families in _SHORTHANDS else []
-        return self.families
+        return self.families if _are_pairs(self.families) else []
 
     def _checked_families(self) -> list[tuple[str, ProbeFamily]]:
         if isinstance(self.families, str) and self.families not in _SHORTHANDS:
             raise ValueError(f"families must be None, a list, or one of {sorted(_SHORTHANDS)}; got {self.families!r}.")
-        families = self._resolved()
-        if not isinstance(families, (list, tuple)) or any(not _is_pair(item) for item in families):
+        if not (self.families is None or isinstance(self.families, str) or _are_pairs(self.families)):
             raise TypeError(f"families must be a list of (name, ProbeFamily) pairs; got {self.families!r}.")
+        families = self._resolved()
         if not families:
             raise ValueError("families is empty; give at least one (name, family) pair.")
         for name, family in families:
@@ -496,8 +496,15 @@ class DescriptorTransformer(TransformerMixin, _BaseComposition, auto_wrap_output
         return tags
 
 
-def _is_pair(item: object) -> bool:
-    return isinstance(item, (tuple, list)) and len(item) == 2 and isinstance(item[0], str)
+def _are_pairs(families: object) -> bool:
+    """Tell a list of (name, estimator) pairs from anything else."""
+    return isinstance(families, (list, tuple)) and all(
+        isinstance(item, (tuple, list))
+        and len(item) == 2
+        and isinstance(item[0], str)
+        and hasattr(item[1], "get_params")
+        for item in families
+    )
 
 
 def _coefficients(shape: SpectralShape, families: list[ProbeFamily], memory: Any) -> FloatArray:
