@@ -13,7 +13,7 @@ from matplotlib import pyplot as plt
 from skfmap import DescriptorTransformer, SpectralBasis, WeightedFunctionalMapLearner
 from skfmap.datasets import make_creatures
 from skfmap.functional import basis_error
-from skfmap.learner import ground_truth_maps
+from skfmap.ground_truth import ground_truth_maps
 
 creatures = make_creatures(n_shapes=9, n_vertices=1000)
 shapes = DescriptorTransformer("paper").transform(SpectralBasis().transform(creatures.meshes))

@@ -10,6 +10,7 @@ from typing import Any
 
 import joblib
 import numpy as np
+from sklearn.pipeline import make_pipeline
 from sklearn.utils import Bunch
 
 from skfmap.basis import SpectralBasis
@@ -113,12 +114,18 @@ def _collection(options: argparse.Namespace) -> Bunch:
 def _probed(collection: Bunch, options: argparse.Namespace) -> list[ProbedShape]:
     started = time.perf_counter()
     print("Eigenfunctions and probe functions ...", flush=True)
-    basis = SpectralBasis(max(120, options.functions), memory=options.cache, n_jobs=options.jobs)
-    families = None if options.families == "default" else options.families
-    probes = DescriptorTransformer(families, memory=options.cache, n_jobs=options.jobs)
+    basis, probes = _transformers(options)
     shapes = probes.fit_transform(basis.fit_transform(collection.meshes))
     print(f"  {shapes[0].probes.shape[1]} probe functions per shape, {_since(started)}", flush=True)
     return list(shapes)
+
+
+def _transformers(options: argparse.Namespace) -> tuple[SpectralBasis, DescriptorTransformer]:
+    families = None if options.families == "default" else options.families
+    return (
+        SpectralBasis(max(120, options.functions), memory=options.cache, n_jobs=options.jobs),
+        DescriptorTransformer(families, memory=options.cache, n_jobs=options.jobs),
+    )
 
 
 def _choose_folds(n_shapes: int, n_folds: int) -> list[int]:
@@ -179,9 +186,12 @@ def _save(
     meshes = [collection.meshes[i] for i in left_out]
     up = options.up or collection.get("up", "y")
     plot_matches(result.matches, meshes, collection.meshes[0], path=picture, up=up, captions=captions)
-    learner = WeightedFunctionalMapLearner(n_functions=options.functions, n_jobs=options.jobs)
-    joblib.dump(learner.fit(shapes, collection.correspondences), model)
-    print(f"\nPicture of the matches: {picture}\nModel trained on all {len(shapes)} shapes: {model}")
+    learner = WeightedFunctionalMapLearner(n_functions=options.functions).fit(shapes, collection.correspondences)
+    basis, probes = (step.set_params(memory=None, n_jobs=None) for step in _transformers(options))
+    joblib.dump(make_pipeline(basis, probes, learner), model)
+    print(f"\nPicture of the matches: {picture}")
+    print(f"Model trained on all {len(shapes)} shapes: {model}. To match a new shape with it:")
+    print(f'    model = joblib.load("{model}"); matches = skfmap.match(model, ["new.ply"])')
 
 
 def _since(started: float) -> str:

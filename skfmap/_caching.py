@@ -1,19 +1,66 @@
-"""Results kept on disk, by content and parameters."""
+"""Results kept on disk, by content and parameters; each computed once, whichever process asks first."""
 
+import hashlib
+import inspect
 from collections.abc import Callable
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
+import joblib
+from filelock import FileLock
 from sklearn.utils.validation import check_memory
 
-__all__ = ["cached"]
+__all__ = ["cached", "code_of"]
 
 
-def cached(function: Callable[..., Any], memory: Any, ignore: str) -> Callable[..., Any]:
-    """Return ``function`` with its results kept in ``memory`` (None, a path or a joblib.Memory).
+def cached(function: Callable[..., Any], memory: Any) -> Callable[..., Any]:
+    """Return ``function(content, content_hash, *key)`` with its results kept in ``memory``.
 
-    The argument named ``ignore`` is left out of the key; another argument holds a hash of its content.
+    Parameters
+    ----------
+    function : callable
+        A function of a module. Its first argument carries the content and is left out of the key; the second is a hash
+        of that content.
+    memory : None, str, Path or joblib.Memory
+        Where results are kept; nowhere if None.
+
+    Returns
+    -------
+    callable
+        Takes the same arguments. While one process computes a result, others that ask for it wait.
     """
+    # What is kept was computed by some version of this package, not only of `function`: the key holds its code.
     store = check_memory(str(memory) if isinstance(memory, Path) else memory)
-    kept: Callable[..., Any] = store.cache(function, ignore=[ignore])
-    return kept
+    if store.location is None:
+        return function
+    remembered = store.cache(function, ignore=[function.__code__.co_varnames[0]])
+
+    def recall(content: Any, content_hash: str, *rest: Any) -> Any:
+        key = (f"{content_hash}-{_code_of_package()}", *rest)
+        if remembered.check_call_in_cache(content, *key):
+            return remembered(content, *key)
+        locks = Path(store.location) / "skfmap-locks"
+        locks.mkdir(parents=True, exist_ok=True)
+        with FileLock(locks / f"{joblib.hash((function.__qualname__, key))}.lock"):
+            return remembered(content, *key)
+
+    return recall
+
+
+def code_of(kind: type) -> str | None:
+    """Return a hash of the source of a class that is not part of this package, or None if it cannot be read."""
+    if kind.__module__.startswith("skfmap."):
+        return ""
+    try:
+        return hashlib.sha256(inspect.getsource(kind).encode()).hexdigest()
+    except (OSError, TypeError):
+        return None
+
+
+@lru_cache
+def _code_of_package() -> str:
+    digest = hashlib.sha256()
+    for path in sorted(Path(__file__).parent.rglob("*.py")):
+        digest.update(path.read_bytes())
+    return digest.hexdigest()[:16]

@@ -1,13 +1,45 @@
 """Work on many shapes: joblib over the shapes, one thread within each, the same result for every n_jobs."""
 
+import os
 import sys
+import threading
 from collections.abc import Callable, Iterable
+from types import TracebackType
 from typing import Any
 
 from joblib import Parallel, delayed
 from threadpoolctl import threadpool_limits
 
 __all__ = ["map_shapes", "single_threaded", "tell"]
+
+
+class _OneThread:
+    """One BLAS and one OpenMP thread while anybody in this process is inside.
+
+    The limit belongs to the process, not to a thread: the first to enter sets it, the last to leave lifts it.
+    """
+
+    def __init__(self) -> None:
+        self._lock = threading.Lock()
+        self._n_inside = 0
+        self._limits: Any = None
+
+    def __enter__(self) -> None:
+        with self._lock:
+            if self._n_inside == 0:
+                self._limits = threadpool_limits(limits=1)
+            self._n_inside += 1
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
+    ) -> None:
+        with self._lock:
+            self._n_inside -= 1
+            if self._n_inside == 0:
+                self._limits.restore_original_limits()
+
+
+_ONE_THREAD = _OneThread()
 
 
 def map_shapes(
@@ -17,13 +49,14 @@ def map_shapes(
 
     No backend is fixed, so that ``joblib.parallel_config`` can spread the work over a cluster.
     """
-    calls = (delayed(single_threaded)(function, *a) for a in arguments)
-    return list(Parallel(n_jobs=n_jobs, verbose=verbose)(calls))
+    calls = (delayed(_call)(os.getpid(), function, *a) for a in arguments)
+    with _ONE_THREAD:
+        return list(Parallel(n_jobs=n_jobs, verbose=verbose)(calls))
 
 
 def single_threaded(function: Callable[..., Any], *arguments: Any) -> Any:
     """Call with one BLAS and one OpenMP thread: sums come out the same to the last bit wherever the call runs."""
-    with threadpool_limits(limits=1):
+    with _ONE_THREAD:
         return function(*arguments)
 
 
@@ -31,3 +64,8 @@ def tell(message: str) -> None:
     """Write one line of progress to standard error."""
     sys.stderr.write(message + "\n")
     sys.stderr.flush()
+
+
+def _call(parent: int, function: Callable[..., Any], *arguments: Any) -> Any:
+    """Call within the parent's limit, or under an own one in another process."""
+    return function(*arguments) if os.getpid() == parent else single_threaded(function, *arguments)

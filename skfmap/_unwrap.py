@@ -15,10 +15,11 @@ def learner_and_shapes(model: Any, X: Sequence[Any]) -> tuple[Any, Sequence[Any]
 
     ``model`` is a learner, a Pipeline that ends in one, or a fitted search over either.
     """
-    learner = model
+    learner, steps = model, []
     while not hasattr(learner, "functional_maps"):
         if isinstance(learner, Pipeline):
-            X, learner = (learner[:-1].transform(X) if len(learner) > 1 else X), learner[-1]
+            steps.append(learner[:-1])
+            learner = learner[-1]
         elif isinstance(learner, BaseSearchCV):
             check_is_fitted(learner, "best_estimator_")
             learner = learner.best_estimator_
@@ -28,4 +29,6 @@ def learner_and_shapes(model: Any, X: Sequence[Any]) -> tuple[Any, Sequence[Any]
                 f"got {type(model).__name__}."
             )
     check_is_fitted(learner)
+    for before in steps:
+        X = before.transform(X) if len(before) else X
     return learner, X

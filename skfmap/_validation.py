@@ -118,7 +118,7 @@ def check_number(
     if isinstance(value, (bool, np.bool_)) or not isinstance(value, kind):
         raise TypeError(f"{name} must be {what}; got {value!r}.")
     number = float(value)
-    if not (low <= number <= high) or (strict and number == low):
+    if not np.isfinite(number) or not (low <= number <= high) or (strict and number == low):
         bound = f"{'above' if strict else 'at least'} {low:g}" + ("" if high == np.inf else f" and at most {high:g}")
         raise ValueError(f"{name} must be {what} {bound}; got {value!r}.")
     return value

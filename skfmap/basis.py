@@ -28,6 +28,8 @@ from skfmap.shapes import Mesh, SpectralShape
 
 __all__ = ["SpectralBasis"]
 
+_BLOCK = 128
+
 
 class SpectralBasis(TransformerMixin, BaseEstimator):
     """Compute the first Laplacian eigenfunctions of each mesh.
@@ -55,7 +57,9 @@ class SpectralBasis(TransformerMixin, BaseEstimator):
     -----
     Stateless: `transform` works without `fit`, and each shape is treated by itself. Shapes are scaled to unit area
     inside. Eigenfunctions come from shift-invert Lanczos with a fixed start vector; the sign of each makes the integral
-    of its cube positive. Faces are wound consistently and outwards where that can be told; vertices keep their numbers.
+    of its cube positive. Eigenfunctions are computed in blocks of 128 and cut to ``n_components``, so that a search
+    over it computes (and caches) each basis once. Faces are wound consistently and outwards where that can be told;
+    vertices keep their numbers.
 
     Examples
     --------
@@ -154,12 +158,13 @@ class SpectralBasis(TransformerMixin, BaseEstimator):
 
 
 def _warn_of_unknown_sides(shapes: Sequence[SpectralShape]) -> None:
-    names = [shape.name for shape in shapes if not shape.outward]
+    unknown = [(i, shape.name) for i, shape in enumerate(shapes) if not shape.outward]
+    names = [f"X[{i}]" if name is None else repr(name) for i, name in unknown]
     if names:
         warnings.warn(
-            f"It cannot be told which side of {names} is the outside: no consistent winding, or no volume enclosed. "
-            "Oriented probes and mean curvature may have the wrong sign there, and left be taken for right; check the "
-            "winding of the faces, or use DescriptorTransformer('paper').",
+            f"It cannot be told which side of {', '.join(names)} is the outside: no consistent winding, or no volume "
+            "enclosed. Oriented probes and mean curvature may have the wrong sign there, and left be taken for right; "
+            "check the winding of the faces, or use DescriptorTransformer('paper').",
             OrientationWarning,
             stacklevel=3,
         )
@@ -169,14 +174,23 @@ def _spectral_shape(mesh: Mesh, laplacian: str, n_components: int, memory: Any) 
     _check_mesh(mesh, laplacian, n_components)
     faces, consistent, outward = orient_faces(mesh.vertices, mesh.faces)
     oriented = mesh if np.array_equal(faces, mesh.faces) else Mesh(mesh.vertices, faces, mesh.name)
-    compute = cached(_eigenbasis, memory, ignore="mesh")
+    compute = cached(_eigenbasis, memory)
     try:
-        evals, evecs, mass, stiffness = compute(oriented, oriented.content_hash, laplacian, int(n_components))
+        evals, evecs, mass, stiffness = compute(
+            oriented, oriented.content_hash, laplacian, _n_computed(n_components, mesh.n_vertices)
+        )
     except (np.linalg.LinAlgError, RuntimeError) as error:
         raise MeshError(
-            f"No eigenbasis for {label(mesh.name)}: {error}. Try SpectralBasis(laplacian='robust'), or mend the mesh."
+            f"No eigenbasis for {label(mesh.name)}: {error}. Mend the mesh"
+            + (", or try SpectralBasis(laplacian='robust')." if laplacian == "cotangent" else ".")
         ) from error
-    return SpectralShape(oriented, evals, evecs, mass, stiffness, oriented.area, consistent, outward)
+    spectral = SpectralShape(oriented, evals, evecs, mass, stiffness, oriented.area, consistent, outward, laplacian)
+    return spectral.truncate(n_components)
+
+
+def _n_computed(n_components: int, n_vertices: int) -> int:
+    """Return how many eigenfunctions are computed: whole blocks, so that every smaller number is a part of them."""
+    return min(_BLOCK * -(-int(n_components) // _BLOCK), n_vertices - 1)
 
 
 def _eigenbasis(
@@ -214,6 +228,8 @@ def _check_mesh(mesh: Mesh, laplacian: str, n_components: int) -> None:
             f"{who} has {mesh.n_vertices} vertices, too few for n_components={n_components}; lower n_components (and "
             "the learner's n_functions), or refine the mesh."
         )
+    if not mesh.area > 0:
+        raise MeshError(f"{who} has no area; check its coordinates.")
     if laplacian == "cotangent":
         _check_cotangent(mesh, who)
 

@@ -10,7 +10,7 @@ from sklearn.base import BaseEstimator, TransformerMixin, clone
 from sklearn.utils import Tags
 from sklearn.utils.metaestimators import _BaseComposition
 
-from skfmap._caching import cached
+from skfmap._caching import cached, code_of
 from skfmap._parallel import map_shapes
 from skfmap._typing import FloatArray
 from skfmap._validation import check_choice, check_number, check_samples, label
@@ -297,7 +297,11 @@ class OrientedProducts(ProbeFamily):
         sources = wave_kernel_signature(shape.evals, shape.evecs, np.log(self._energies()), self.sigma)
         first, second = np.array(list(combinations(range(self.n_sources), 2))).T
         integrals = integrated_oriented_products(sources[:, first], sources[:, second], shape.mesh.faces)
-        return np.asarray(shape.evecs.T @ integrals)
+        coefficients = shape.evecs.T @ integrals
+        # On a surface of revolution all gradients are parallel: what is left is rounding, and must not be normalised.
+        steepness = np.sqrt((sources * (shape.stiffness @ sources)).sum(axis=0))
+        noise = np.linalg.norm(coefficients, axis=0) <= 1e-8 * steepness[first] * steepness[second]
+        return np.asarray(np.where(noise, 0.0, coefficients))
 
     def _energies(self) -> FloatArray:
         return np.geomspace(self.lambda_min, self.lambda_max, self.n_sources)
@@ -425,7 +429,9 @@ class DescriptorTransformer(TransformerMixin, _BaseComposition, auto_wrap_output
             n_jobs=self.n_jobs,
             verbose=self.verbose,
         )
-        return [ProbedShape(s, probes, names, categories) for s, probes in zip(shapes, arrays, strict=True)]
+        recipes = [_recipe(shape, families) for shape in shapes]
+        triples = zip(shapes, arrays, recipes, strict=True)
+        return [ProbedShape(shape, probes, names, categories, recipe) for shape, probes, recipe in triples]
 
     def get_feature_names_out(self, input_features: object = None) -> Any:  # noqa: ARG002
         """Return the names of the probe functions, ``family[label]``; an object array of shape (n_probes,)."""
@@ -507,13 +513,19 @@ def _are_pairs(families: object) -> bool:
     )
 
 
+def _recipe(shape: SpectralShape, families: list[tuple[str, ProbeFamily]]) -> tuple[str, ...]:
+    """Return what the coefficients depend on beside the mesh."""
+    parts = [f"{name}: {type(family).__name__} {sorted(family.get_params().items())}" for name, family in families]
+    return f"n_components={shape.n_components}", f"laplacian={shape.laplacian!r}", *parts
+
+
 def _coefficients(shape: SpectralShape, families: list[ProbeFamily], memory: Any) -> FloatArray:
-    compute = cached(_stacked, memory, ignore="shape")
-    # The last eigenvalue tells bases of one mesh apart that differ in their Laplacian.
-    return np.asarray(compute(shape, families, shape.mesh.content_hash, shape.n_components, float(shape.evals[-1])))
+    codes = [code_of(type(family)) for family in families]
+    compute = cached(_stacked, memory if None not in codes else None)
+    return np.asarray(compute(shape, shape.mesh.content_hash, families, shape.n_components, shape.laplacian, codes))
 
 
-def _stacked(shape: SpectralShape, families: list[ProbeFamily], *key: object) -> FloatArray:  # noqa: ARG001
+def _stacked(shape: SpectralShape, content_hash: str, families: list[ProbeFamily], *key: object) -> FloatArray:  # noqa: ARG001
     return np.column_stack([family.coefficients(shape) for family in families])
 
 

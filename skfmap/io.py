@@ -18,6 +18,11 @@ __all__ = ["MESH_SUFFIXES", "as_mesh", "as_meshes", "read_mesh", "write_mesh"]
 
 MESH_SUFFIXES = (".off", ".obj", ".ply", ".stl")
 
+# Materials and texture would split an OBJ file into parts with vertices of their own.
+_READ_OPTIONS: dict[str, dict[str, bool]] = {
+    ".obj": {"maintain_order": True, "group_material": False, "skip_materials": True}
+}
+
 
 def read_mesh(path: str | Path) -> Mesh:
     """Read an OFF, OBJ, PLY or STL file; vertices keep their number and their order.
@@ -53,7 +58,7 @@ def read_mesh(path: str | Path) -> Mesh:
         content = _without_comments(content)
     try:
         loaded = trimesh.load(
-            io.BytesIO(content), file_type=suffix[1:], process=False, maintain_order=True, force="mesh"
+            io.BytesIO(content), file_type=suffix[1:], process=False, force="mesh", **_READ_OPTIONS.get(suffix, {})
         )
         vertices, faces = np.asarray(loaded.vertices), np.asarray(loaded.faces)
     except Exception as error:
@@ -130,7 +135,7 @@ def _check_counts(path: Path, stored: tuple[int, int] | None, n_vertices: int, n
     if stored[0] != n_vertices:
         raise MeshError(
             f"{path} stores {stored[0]} vertices, but {n_vertices} were read, so that correspondences would point at "
-            "the wrong ones. Remove texture coordinates and normals, or save it as OFF."
+            "the wrong ones. Export it again with positions and triangles only, for instance as OFF."
         )
     if n_faces < stored[1]:
         raise MeshError(f"{path} says that it holds {stored[1]} faces, but {n_faces} were read; the file is truncated.")

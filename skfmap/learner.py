@@ -7,33 +7,31 @@ from typing import Any, NamedTuple, Self
 import numpy as np
 from sklearn.base import BaseEstimator
 from sklearn.exceptions import ConvergenceWarning
-from sklearn.metrics import pairwise_distances_argmin_min
 from sklearn.utils import Tags
 from sklearn.utils.validation import check_is_fitted
 
-from skfmap._confidence import fit_error_model
+from skfmap._confidence import calibrate
+from skfmap._inputs import check_correspondences, check_same_probes, check_sample_weight, check_shapes, place
+from skfmap._matching import nearest_points
+from skfmap._medoid import medoid_index
 from skfmap._parallel import map_shapes, single_threaded, tell
 from skfmap._typing import FloatArray, IntArray
 from skfmap._unwrap import learner_and_shapes
-from skfmap._validation import check_choice, check_index_range, check_number, check_pairs, check_samples, label
-from skfmap.exceptions import CorrespondenceError, CoverageWarning
-from skfmap.functional.embedding import spectral_embeddings
+from skfmap._validation import check_choice, check_number, label
 from skfmap.functional.fmap import solve_functional_map
-from skfmap.functional.ground_truth import map_from_pairs
 from skfmap.functional.learning import learn_functional_maps
 from skfmap.functional.normalization import scale_by
 from skfmap.functional.regularization import REGULARIZERS, penalty_of
 from skfmap.functional.stable_basis import stability_weights
 from skfmap.functional.weighting import WEIGHTINGS
-from skfmap.geometry.geodesics import areas_of_landmarks, farthest_vertices, heat_distances
+from skfmap.ground_truth import ground_truth_maps, join_with_reference
 from skfmap.metrics import PairErrors, pair_errors, reference_distances
-from skfmap.shapes import Correspondence, JoinedPairs, Match, ProbedShape
+from skfmap.shapes import Correspondence, Match, ProbedShape
 
-__all__ = ["WeightedFunctionalMapLearner", "functional_maps", "ground_truth_maps", "match"]
+__all__ = ["WeightedFunctionalMapLearner", "functional_maps", "match"]
 
-# Vertices of the reference that expected errors are calibrated at, and template points that a medoid is judged by.
-_N_CALIBRATION = 200
-_N_MEDOID = 50
+# References up to this many vertices have all their distances computed for a score.
+_N_ALL_ROWS = 8000
 
 
 class WeightedFunctionalMapLearner(BaseEstimator):
@@ -205,16 +203,21 @@ class WeightedFunctionalMapLearner(BaseEstimator):
             If the search stopped before it converged.
         """
         self._check_parameters()
-        shapes = _check_shapes(X, self.n_functions)
-        truths = _check_correspondences(y, shapes)
-        share = _check_sample_weight(sample_weight, len(shapes))
+        shapes = check_shapes(X, self.n_functions)
+        truths = check_correspondences(y, shapes)
+        share = check_sample_weight(sample_weight, len(shapes))
+        if len(shapes) < 2:
+            raise ValueError(f"Give at least two shapes: the reference and one to learn from; got {len(shapes)}.")
         index = self._reference_index(shapes, truths)
         self._tell(f"reference: {label(shapes[index].name, 'shape')}")
         training = _split_off(index, shapes, truths, share)
         if not training.share.any():
             raise ValueError("sample_weight is zero for every shape but the reference; there is nothing to learn from.")
 
-        joins = [_join(c, s, training) for c, s in zip(training.truths, training.shapes, strict=True)]
+        joins = [
+            join_with_reference(truth, shape, training.truth_0, training.reference)
+            for truth, shape in zip(training.truths, training.shapes, strict=True)
+        ]
         maps = ground_truth_maps(training.shapes, training.reference, joins, self.n_functions, n_jobs=self.n_jobs)
         learned = single_threaded(self._learn, training, maps)
 
@@ -225,9 +228,14 @@ class WeightedFunctionalMapLearner(BaseEstimator):
         self.n_stable_ = _count_stable(self.n_stable, self.n_functions)
         self.reference_, self.reference_index_ = training.reference, index
         self.reference_correspondence_ = training.truth_0
+        self._settings = _Settings(self.alpha, self.normalize, self.regularizer, self.matching)
         self.probe_names_ = np.array(training.reference.probe_names, dtype=object)
         self.probe_categories_ = np.array(training.reference.probe_categories, dtype=object)
-        self.error_model_ = self._calibrate(training, joins, learned.maps)
+        self._tell("calibrating expected errors")
+        functions = self._trusted_functions(self.matching, self.n_stable_)
+        self.error_model_ = calibrate(
+            training.shapes, training.reference, joins, learned.maps, functions, training.share, self.n_jobs
+        )
         return self
 
     def functional_maps(self, X: Sequence[ProbedShape]) -> FloatArray:
@@ -302,7 +310,7 @@ class WeightedFunctionalMapLearner(BaseEstimator):
         shapes = self._check_new(X)
         check_choice(matching, "matching", (None, "soft", "cut"))
         p = self.n_stable_ if n_stable is None else _count_stable(n_stable, len(self.stable_basis_))
-        functions = self._trusted_functions(self.matching if matching is None else matching, p)
+        functions = self._trusted_functions(self._settings.matching if matching is None else matching, p)
         arguments = ((self, shape, functions) for shape in shapes)
         return list(map_shapes(_point_map, arguments, n_jobs=self.n_jobs, verbose=0))
 
@@ -314,6 +322,7 @@ class WeightedFunctionalMapLearner(BaseEstimator):
         method: str = "heat",
         matching: str | None = None,
         n_stable: float | None = None,
+        reference_y: Any = None,
     ) -> list[PairErrors]:
         """Match shapes of known correspondence and return the error at each pair.
 
@@ -325,6 +334,9 @@ class WeightedFunctionalMapLearner(BaseEstimator):
             How distances on the reference are measured; see `skfmap.metrics.GeodesicDistances`.
         matching, n_stable : optional
             As in `point_maps`.
+        reference_y : Correspondence or int array, optional
+            Where the reference lies at the template points of ``y``; what `fit` was given by default. With sparse
+            landmarks, fit one half of them and score the other.
 
         Returns
         -------
@@ -332,17 +344,24 @@ class WeightedFunctionalMapLearner(BaseEstimator):
             In units of sqrt(area) of the reference.
         """
         shapes = self._check_new(X)
-        truths = _check_correspondences(y, shapes)
+        truths = check_correspondences(y, shapes)
         distances = reference_distances(self.reference_.spectral.mesh, method, memory=self.memory, n_jobs=self.n_jobs)
-        # All rows that any score on this reference can need, so that the cache holds them as one entry.
-        distances.rows(_reference_vertices(self.reference_correspondence_))
+        truth_0 = self.reference_correspondence_
+        if reference_y is not None:
+            (truth_0,) = check_correspondences([reference_y], [self.reference_])
+        if method == "heat" and self.reference_.spectral.mesh.n_vertices <= _N_ALL_ROWS:
+            # The same rows for every shape and fold, so that a cache serves them all.
+            distances.rows(_reference_vertices(truth_0))
         p2ps = self.point_maps(shapes, matching=matching, n_stable=n_stable)
-        return [
-            pair_errors(p2p, truth, self.reference_correspondence_, distances)
-            for p2p, truth in zip(p2ps, truths, strict=True)
-        ]
+        return [pair_errors(p2p, truth, truth_0, distances) for p2p, truth in zip(p2ps, truths, strict=True)]
 
-    def score(self, X: Sequence[ProbedShape], y: Sequence[Any], sample_weight: Sequence[float] | None = None) -> float:
+    def score(
+        self,
+        X: Sequence[ProbedShape],
+        y: Sequence[Any],
+        sample_weight: Sequence[float] | None = None,
+        reference_y: Any = None,
+    ) -> float:
         """Return minus the mean geodesic error of the matches; larger is better.
 
         Direct: a symmetric answer counts as an error. `skfmap.metrics.get_scorer` has the kinds that forgive it.
@@ -353,14 +372,16 @@ class WeightedFunctionalMapLearner(BaseEstimator):
             Shapes and where they lie on the template.
         sample_weight : array-like of shape (n_shapes,), optional
             Share of each shape.
+        reference_y : Correspondence or int array, optional
+            As in `pair_errors`.
 
         Returns
         -------
         float
             In units of sqrt(area) of the reference, averaged over pairs and then over shapes.
         """
-        means = [errors.mean("direct") for errors in self.pair_errors(X, y)]
-        return -float(np.average(means, weights=sample_weight))
+        means = [errors.mean("direct") for errors in self.pair_errors(X, y, reference_y=reference_y)]
+        return -float(np.average(means, weights=check_sample_weight(sample_weight, len(means))))
 
     def _check_parameters(self) -> None:
         check_number(self.n_functions, "n_functions", low=2, integer=True)
@@ -383,7 +404,7 @@ class WeightedFunctionalMapLearner(BaseEstimator):
         if self.reference == "first":
             return 0
         if self.reference == "medoid":
-            return _medoid(shapes, truths, self.n_jobs)
+            return medoid_index(shapes, truths, self.n_jobs)
         names = [shape.name for shape in shapes]
         if names.count(self.reference) != 1:
             raise ValueError(
@@ -421,24 +442,6 @@ class WeightedFunctionalMapLearner(BaseEstimator):
             )
         return learned
 
-    def _calibrate(self, training: "_Training", joins: Sequence[JoinedPairs], maps: FloatArray) -> Any:
-        """Relate residuals to errors at well-spread vertices of the reference, on the training shapes."""
-        self._tell("calibrating expected errors")
-        mesh = training.reference.spectral.mesh
-        known = np.unique(np.concatenate([join.vertices_0 for join in joins]))
-        chosen = np.sort(farthest_vertices(mesh.vertices, mesh.faces, known, _N_CALIBRATION))
-        distances = heat_distances(training.reference.spectral.vertices, mesh.faces, chosen)
-        functions = self._trusted_functions(self.matching, self.n_stable_)
-        arguments = (
-            (shape, training.reference, join, (C, functions), (chosen, distances))
-            for shape, join, C in zip(training.shapes, joins, maps, strict=True)
-        )
-        observed = map_shapes(_observe_errors, arguments, n_jobs=self.n_jobs, verbose=0)
-        kept = [(*both, share) for both, share in zip(observed, training.share, strict=True) if share > 0]
-        residuals, errors, shares = zip(*kept, strict=True)
-        weights = np.repeat(shares, [len(part) for part in errors])
-        return fit_error_model(np.concatenate(residuals), np.concatenate(errors), weights)
-
     def _trusted_functions(self, matching: str, p: int) -> FloatArray:
         """Return the functions that points are matched in, shape (k, p) or (k, k)."""
         if matching == "cut":
@@ -447,14 +450,9 @@ class WeightedFunctionalMapLearner(BaseEstimator):
 
     def _check_new(self, X: Sequence[ProbedShape]) -> Sequence[ProbedShape]:
         check_is_fitted(self, "stable_basis_")
-        shapes = _check_shapes(X, len(self.stable_basis_))
+        shapes = check_shapes(X, len(self.stable_basis_))
         for i, shape in enumerate(shapes):
-            if shape.probe_names != self.reference_.probe_names:
-                who = f"X[{i}]" if shape.name is None else f"X[{i}] ({shape.name!r})"
-                raise ValueError(
-                    f"{who} has other probe functions than the training shapes ({shape.probes.shape[1]} against "
-                    f"{len(self.probe_names_)}); use the same DescriptorTransformer."
-                )
+            check_same_probes(shape, self.reference_, place(i, shape), "the training shapes")
         return shapes
 
     def _tell(self, message: str) -> None:
@@ -473,7 +471,7 @@ class WeightedFunctionalMapLearner(BaseEstimator):
         return tags
 
 
-def match(model: Any, X: Sequence[Any]) -> list[Match]:
+def match(model: Any, X: Sequence[Any], *, refine: str | None = None) -> list[Match]:
     """Match shapes with a fitted learner, a Pipeline that ends in one, or a fitted search over either.
 
     Parameters
@@ -482,12 +480,15 @@ def match(model: Any, X: Sequence[Any]) -> list[Match]:
         The model.
     X : sequence
         What the model takes: meshes for a pipeline that begins with `SpectralBasis`.
+    refine : None
+        Reserved for refinement of point maps.
 
     Returns
     -------
     list of Match
         Point map from each shape to the reference, expected errors, confidence and functional maps.
     """
+    check_choice(refine, "refine", (None,))
     learner, shapes = learner_and_shapes(model, X)
     return list(learner.match(shapes))
 
@@ -525,6 +526,15 @@ def _reference_vertices(truth: Correspondence) -> IntArray:
     return np.union1d(truth.pairs[:, 0], symmetric[:, 0])
 
 
+class _Settings(NamedTuple):
+    """Parameters that fitted weights and errors belong to; setting them later has no effect before the next fit."""
+
+    alpha: float
+    normalize: str
+    regularizer: str | Callable[[FloatArray, FloatArray], FloatArray]
+    matching: str
+
+
 class _Training(NamedTuple):
     """The reference and the other training shapes."""
 
@@ -542,223 +552,27 @@ def _split_off(
     return _Training(shapes[index], truths[index], [shapes[i] for i in rest], [truths[i] for i in rest], share[rest])
 
 
-def _join(truth: Correspondence, shape: ProbedShape, training: _Training) -> JoinedPairs:
-    joined = truth.join(training.truth_0)
-    if len(joined.points) == 0:
-        raise CorrespondenceError(
-            f"{label(shape.name, 'shape')} and the reference {training.reference.name!r} share no template point. "
-            "Check that both are given on the same template (Correspondence.from_vertices or from_template?)."
-        )
-    return joined
-
-
-def ground_truth_maps(
-    shapes: Sequence[ProbedShape],
-    reference: ProbedShape,
-    joins: Sequence[JoinedPairs],
-    n_functions: int,
-    *,
-    n_jobs: int | None = None,
-) -> FloatArray:
-    """Fit the functional maps C_i that known correspondences make, from functions on the reference to each shape.
-
-    Mass-weighted least squares: each pair counts by the area that its vertex stands for, so that sparse landmarks weigh
-    the surface evenly.
-
-    Parameters
-    ----------
-    shapes, reference : sequence of ProbedShape, ProbedShape
-        The shapes S_i, and S_0.
-    joins : sequence of JoinedPairs
-        Pairs of vertices of each S_i and of S_0, from `Correspondence.join`.
-    n_functions : int
-        k.
-    n_jobs : int, optional
-        Shapes at a time; see joblib.
-
-    Returns
-    -------
-    maps : ndarray of shape (n_shapes, k, k)
-        C_i.
-
-    Raises
-    ------
-    CorrespondenceError
-        If a shape has fewer distinct vertices with a partner than ``n_functions``.
-
-    Warns
-    -----
-    CoverageWarning
-        If the pairs of a shape determine fewer than k functions; the rest is a guess by isometry.
-    """
-    arguments = ((s, reference, join, n_functions) for s, join in zip(shapes, joins, strict=True))
-    truths = map_shapes(_ground_truth, arguments, n_jobs=n_jobs, verbose=0)
-    for shape, truth in zip(shapes, truths, strict=True):
-        if truth.n_observed < n_functions:
-            warnings.warn(
-                f"The correspondences of {label(shape.name, 'shape')} determine {truth.n_observed} of {n_functions} "
-                "functions; the rest of its ground-truth map is a guess by isometry. Give more or better spread "
-                "pairs, lower n_functions, or leave the shape out.",
-                CoverageWarning,
-                stacklevel=3,
-            )
-    return np.stack([truth.C for truth in truths])
-
-
-def _ground_truth(shape: ProbedShape, reference: ProbedShape, join: JoinedPairs, k: int) -> Any:
-    landmarks, inverse = np.unique(join.vertices_i, return_inverse=True)
-    if len(landmarks) < k:
-        raise CorrespondenceError(
-            f"{label(shape.name, 'shape')} has {len(landmarks)} vertices with a partner on {reference.name!r}, too few "
-            f"for n_functions={k}; give more pairs, or lower n_functions to well below {len(landmarks)}."
-        )
-    mesh = shape.spectral.mesh
-    areas = areas_of_landmarks(mesh.vertices, mesh.faces, shape.spectral.mass, landmarks)
-    per_vertex = np.bincount(inverse, join.weights)
-    share = areas[inverse] * join.weights / np.maximum(per_vertex[inverse], 1e-300)
-    evals_i, evals_0 = shape.spectral.evals[:k], reference.spectral.evals[:k]
-    return map_from_pairs(
-        shape.spectral.evecs[join.vertices_i, :k],
-        reference.spectral.evecs[join.vertices_0, :k],
-        share,
-        REGULARIZERS["laplacian"](evals_i, evals_0),
-    )
-
-
 def _solve(learner: WeightedFunctionalMapLearner, shape: ProbedShape) -> FloatArray:
     k, reference = len(learner.stable_basis_), learner.reference_
     probes_0, probes_i = reference.probes[:k], shape.probes[:k]
-    penalty = penalty_of(shape.spectral.evals[:k], reference.spectral.evals[:k], learner.alpha, learner.regularizer)
+    alpha, normalize, regularizer, _ = learner._settings
+    penalty = penalty_of(shape.spectral.evals[:k], reference.spectral.evals[:k], alpha, regularizer)
     return solve_functional_map(
-        scale_by(probes_0, probes_0, learner.normalize),
-        scale_by(probes_0, probes_i, learner.normalize),
+        scale_by(probes_0, probes_0, normalize),
+        scale_by(probes_0, probes_i, normalize),
         penalty,
         learner.weights_,
     )
 
 
-def _nearest(
-    evecs_i: FloatArray, evecs_0: FloatArray, C: FloatArray, functions: FloatArray
-) -> tuple[IntArray, FloatArray]:
-    """Return the nearest vertex of the reference for each point of the shape, and its distance, in the embedding."""
-    k = len(C)
-    points_i, points_0 = spectral_embeddings(evecs_i[:, :k], evecs_0[:, :k], C, functions)
-    p2p, residuals = pairwise_distances_argmin_min(points_i, points_0)
-    return np.asarray(p2p, dtype=np.int64), np.asarray(residuals)
-
-
 def _point_map(learner: WeightedFunctionalMapLearner, shape: ProbedShape, functions: FloatArray) -> IntArray:
-    return _nearest(shape.spectral.evecs, learner.reference_.spectral.evecs, _solve(learner, shape), functions)[0]
+    return nearest_points(shape.spectral.evecs, learner.reference_.spectral.evecs, _solve(learner, shape), functions)[0]
 
 
 def _match(learner: WeightedFunctionalMapLearner, shape: ProbedShape) -> Match:
     C = _solve(learner, shape)
-    functions = learner._trusted_functions(learner.matching, learner.n_stable_)
-    p2p, residuals = _nearest(shape.spectral.evecs, learner.reference_.spectral.evecs, C, functions)
+    functions = learner._trusted_functions(learner._settings.matching, learner.n_stable_)
+    p2p, residuals = nearest_points(shape.spectral.evecs, learner.reference_.spectral.evecs, C, functions)
     expected_error, confidence = learner.error_model_.predict(residuals)
     reduced = C @ learner.stable_basis_[:, : learner.n_stable_]
     return Match(p2p, expected_error, confidence, C, reduced, shape.name, learner.reference_.name)
-
-
-def _observe_errors(
-    shape: ProbedShape,
-    reference: ProbedShape,
-    join: JoinedPairs,
-    maps: tuple[FloatArray, FloatArray],
-    known: tuple[IntArray, FloatArray],
-) -> tuple[FloatArray, FloatArray]:
-    """Return residuals and errors at the pairs of a training shape whose true vertex has known distances."""
-    C, functions = maps
-    chosen, distances = known
-    rows = np.flatnonzero(np.isin(join.vertices_0, chosen))
-    evecs_i = shape.spectral.evecs[join.vertices_i[rows]]
-    p2p, residuals = _nearest(evecs_i, reference.spectral.evecs, C, functions)
-    return residuals, distances[np.searchsorted(chosen, join.vertices_0[rows]), p2p]
-
-
-def _medoid(shapes: Sequence[ProbedShape], truths: Sequence[Correspondence], n_jobs: int | None) -> int:
-    """Return the shape with the least mean relative difference of geodesic distances to all others (section 3.1)."""
-    common = truths[0].pairs[:, 1]
-    for truth in truths[1:]:
-        common = np.intersect1d(common, truth.pairs[:, 1])
-    if len(common) < 2:
-        raise CorrespondenceError("reference='medoid' needs template points that all shapes have; name a shape.")
-    vertices = [_vertices_at(truth, common) for truth in truths]
-    first = shapes[0].spectral.mesh
-    spread = farthest_vertices(first.vertices, first.faces, np.unique(vertices[0]), _N_MEDOID)
-    columns = np.searchsorted(vertices[0], spread, sorter=np.argsort(vertices[0], kind="stable"))
-    columns = np.argsort(vertices[0], kind="stable")[columns]
-    arguments = ((shape, at[columns]) for shape, at in zip(shapes, vertices, strict=True))
-    tables = np.stack(map_shapes(_landmark_distances, arguments, n_jobs=n_jobs, verbose=0))
-    scale = np.maximum(tables.mean(axis=0), 1e-12)
-    cost = [(np.abs(tables - table) / scale).mean() for table in tables]
-    return int(np.argmin(cost))
-
-
-def _vertices_at(truth: Correspondence, points: IntArray) -> IntArray:
-    """Return one vertex for each of ``points``, which the correspondence is known to have."""
-    order = np.argsort(truth.pairs[:, 1], kind="stable")
-    return truth.pairs[order[np.searchsorted(truth.pairs[order, 1], points)], 0]
-
-
-def _landmark_distances(shape: ProbedShape, landmarks: IntArray) -> FloatArray:
-    return heat_distances(shape.spectral.vertices, shape.spectral.mesh.faces, landmarks)[:, landmarks]
-
-
-def _check_shapes(X: object, n_functions: int) -> Sequence[ProbedShape]:
-    if isinstance(X, ProbedShape):
-        raise TypeError("X must be a sequence of probed shapes, but it is one; wrap it in a list: [X].")
-    shapes = check_samples(X, "probed shapes")
-    for i, shape in enumerate(shapes):
-        who = f"X[{i}]" if getattr(shape, "name", None) is None else f"X[{i}] ({shape.name!r})"
-        if not isinstance(shape, ProbedShape):
-            raise TypeError(
-                f"X[{i}] is a {type(shape).__name__}, not a ProbedShape; put SpectralBasis and DescriptorTransformer "
-                "before the learner."
-            )
-        if shape.spectral.n_components < n_functions:
-            raise ValueError(
-                f"{who} has {shape.spectral.n_components} eigenfunctions, fewer than n_functions={n_functions}; raise "
-                "n_components of SpectralBasis, or lower n_functions."
-            )
-        if shape.probe_names != shapes[0].probe_names:
-            raise ValueError(
-                f"{who} has other probe functions than X[0]; use one DescriptorTransformer for all shapes."
-            )
-        if not np.isfinite(shape.probes).all():
-            raise ValueError(f"{who} has probe functions with NaN or infinite coefficients; check its mesh.")
-    return shapes
-
-
-def _check_correspondences(y: object, shapes: Sequence[ProbedShape]) -> list[Correspondence]:
-    if y is None:
-        raise ValueError("y is None; the learner needs where each shape lies on the template: one Correspondence each.")
-    items = check_samples(y, "correspondences", "y")
-    if len(items) != len(shapes):
-        raise ValueError(f"X has {len(shapes)} shapes, but y has {len(items)} correspondences; give one for each.")
-    return [_check_correspondence(item, i, shape) for i, (item, shape) in enumerate(zip(items, shapes, strict=True))]
-
-
-def _check_correspondence(item: object, i: int, shape: ProbedShape) -> Correspondence:
-    who = f"y[{i}]" if shape.name is None else f"y[{i}] (of {shape.name!r})"
-    truth = item if isinstance(item, Correspondence) else Correspondence(check_pairs(item, who))
-    n_vertices = shape.spectral.mesh.n_vertices
-    check_index_range(truth.pairs[:, 0], n_vertices, f"The pairs of {who}")
-    if truth.symmetric_pairs is not None:
-        check_index_range(truth.symmetric_pairs[:, 0], n_vertices, f"The symmetric pairs of {who}")
-    if len(truth.pairs) == 0:
-        raise CorrespondenceError(f"{who} holds no pairs; leave the shape out.")
-    if truth.weights is not None and not truth.weights.any():
-        raise CorrespondenceError(f"All weights of {who} are zero; leave the shape out.")
-    return truth
-
-
-def _check_sample_weight(sample_weight: Sequence[float] | None, n_shapes: int) -> FloatArray:
-    if n_shapes < 2:
-        raise ValueError(f"Give at least two shapes: the reference and one to learn from; got {n_shapes}.")
-    if sample_weight is None:
-        return np.ones(n_shapes)
-    share = np.array(sample_weight, dtype=np.float64)
-    if share.shape != (n_shapes,) or not np.isfinite(share).all() or (share < 0).any() or not share.any():
-        raise ValueError(f"sample_weight must be {n_shapes} finite, non-negative numbers, not all zero; got {share}.")
-    return share

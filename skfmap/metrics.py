@@ -5,6 +5,7 @@ All lengths are in units of sqrt(area) of the reference. Errors come in three ki
 the better at each pair (the paper's "symmetric correspondences are considered correct").
 """
 
+import threading
 from collections import OrderedDict
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -16,7 +17,7 @@ from skfmap._caching import cached
 from skfmap._parallel import map_shapes
 from skfmap._typing import FloatArray, IntArray
 from skfmap._unwrap import learner_and_shapes
-from skfmap._validation import check_choice
+from skfmap._validation import check_choice, check_index_range
 from skfmap.exceptions import CorrespondenceError
 from skfmap.functional.stable_basis import basis_error
 from skfmap.geometry.faults import edges_of
@@ -94,15 +95,21 @@ class GeodesicDistances:
 
     def rows(self, sources: IntArray) -> Any:
         """Return distances from distinct sources to all vertices, float32 of shape (n_sources, n_vertices)."""
+        with _LOCK:
+            places = self._computed(sources)
+            return self._rows[places]
+
+    def _computed(self, sources: IntArray) -> IntArray:
+        """Compute the rows that are missing, and return where those of ``sources`` stand."""
         missing = sources[self._row_of[sources] < 0]
         if len(missing):
-            compute = cached(_distance_block, self.memory, ignore="mesh")
+            compute = cached(_distance_block, self.memory)
             blocks = np.array_split(missing, max(1, len(missing) // 500))
             arguments = ((compute, self.mesh, self.mesh.content_hash, self.method, block) for block in blocks)
             computed = map_shapes(_call, arguments, n_jobs=self.n_jobs, verbose=0)
             self._row_of[missing] = len(self._rows) + np.arange(len(missing))
             self._rows = np.concatenate([self._rows, *computed])
-        return self._rows[self._row_of[sources]]
+        return self._row_of[sources]
 
 
 def _call(function: Callable[..., Any], *arguments: Any) -> Any:
@@ -113,6 +120,8 @@ def _distance_block(mesh: Mesh, content_hash: str, method: str, sources: IntArra
     return DISTANCES[method](mesh.vertices / np.sqrt(mesh.area), mesh.faces, sources).astype(np.float32)
 
 
+# Rows are shared by all threads of the process.
+_LOCK = threading.RLock()
 _RECENT: OrderedDict[tuple[str, str], GeodesicDistances] = OrderedDict()
 
 
@@ -121,12 +130,14 @@ def reference_distances(
 ) -> GeodesicDistances:
     """Return the distances on a mesh, shared by all scores on it in this process (the two latest meshes are kept)."""
     key = (mesh.content_hash, method)
-    if key not in _RECENT:
-        _RECENT[key] = GeodesicDistances(mesh, method, memory=memory, n_jobs=n_jobs)
-        while len(_RECENT) > 2:
-            _RECENT.popitem(last=False)
-    _RECENT.move_to_end(key)
-    return _RECENT[key]
+    with _LOCK:
+        if key not in _RECENT:
+            _RECENT[key] = GeodesicDistances(mesh, method)
+            while len(_RECENT) > 2:
+                _RECENT.popitem(last=False)
+        _RECENT.move_to_end(key)
+        _RECENT[key].memory, _RECENT[key].n_jobs = memory, n_jobs
+        return _RECENT[key]
 
 
 @dataclass(frozen=True, eq=False)
@@ -142,7 +153,7 @@ class PairErrors:
     symmetric : ndarray of shape (n_pairs,) or None
         Distance from the symmetric counterpart of the true vertex; NaN where unknown, None if nowhere known.
     weights : ndarray of shape (n_pairs,)
-        1 for plain pairs.
+        Weight of the pair on S_i; 1 for plain pairs.
     """
 
     vertices: IntArray
@@ -160,7 +171,7 @@ class PairErrors:
                 f"{kind} errors need the symmetric answer; give the reference's Correspondence symmetric_pairs "
                 "(.sym.vts files), or use kind='direct'."
             )
-        known = ~np.isnan(self.symmetric)
+        known = ~np.isnan(self.symmetric)  # elsewhere the direct answer is the only one
         if kind == "per_vertex":
             return np.fmin(self.direct, self.symmetric)
         direct, symmetric = (np.average(e[known], weights=self.weights[known]) for e in (self.direct, self.symmetric))
@@ -199,6 +210,7 @@ def pair_errors(
     CorrespondenceError
         If no pair is left.
     """
+    p2p = _check_p2p(p2p, distances.mesh.n_vertices, int(correspondence_i.pairs[:, 0].max(initial=-1)) + 1)
     keys, direct, weights = _mean_by_pair(p2p, correspondence_i, correspondence_0, distances, symmetric=False)
     if len(keys) == 0:
         raise CorrespondenceError("The shape and the reference share no template point; there is nothing to score.")
@@ -210,6 +222,17 @@ def pair_errors(
     if (rows < 0).all():
         return PairErrors(keys[:, 0], direct, None, weights)
     return PairErrors(keys[:, 0], direct, np.where(rows < 0, np.nan, symmetric[rows]), weights)
+
+
+def _check_p2p(p2p: object, n_vertices_0: int, n_needed: int) -> IntArray:
+    """Return a point map whose entries are all vertices of the reference."""
+    array = np.asarray(p2p)
+    if array.ndim != 1 or not np.issubdtype(array.dtype, np.integer):
+        raise TypeError(f"p2p must be a 1-D array of integers; got {array.dtype} of shape {array.shape}.")
+    if len(array) < n_needed:
+        raise ValueError(f"p2p has length {len(array)}, but the correspondence refers to vertex {n_needed - 1}.")
+    check_index_range(array, n_vertices_0, "The entries of p2p", ValueError)
+    return array
 
 
 def _mean_by_pair(
@@ -285,7 +308,7 @@ def singular_value_profile(X: FloatArray, C: FloatArray, thresholds: FloatArray)
 
 def coverage(p2p: IntArray, mass_0: FloatArray) -> float:
     """Return the share of the area of S_0 whose vertices the point map hits."""
-    return float(mass_0[np.unique(p2p)].sum() / mass_0.sum())
+    return float(mass_0[np.unique(_check_p2p(p2p, len(mass_0), 0))].sum() / mass_0.sum())
 
 
 def continuity(p2p: IntArray, mesh_i: Mesh, distances: GeodesicDistances) -> float:
@@ -293,14 +316,16 @@ def continuity(p2p: IntArray, mesh_i: Mesh, distances: GeodesicDistances) -> flo
     edges = edges_of(mesh_i.faces)
     ends = mesh_i.vertices[edges]
     lengths = np.linalg.norm(ends[:, 0] - ends[:, 1], axis=1) / np.sqrt(mesh_i.area)
-    images = np.asarray(p2p)[edges]
+    images = _check_p2p(p2p, distances.mesh.n_vertices, mesh_i.n_vertices)[edges]
     return float(np.mean(distances.between(images[:, 0], images[:, 1]) / lengths))
 
 
-def matching_errors(model: Any, X: Sequence[Any], y: Sequence[Any], *, method: str = "heat") -> list[PairErrors]:
+def matching_errors(
+    model: Any, X: Sequence[Any], y: Sequence[Any], *, method: str = "heat", reference_y: Any = None
+) -> list[PairErrors]:
     """Match ``X`` with a fitted model and return the errors of each shape, against the model's reference."""
     learner, shapes = learner_and_shapes(model, X)
-    return list(learner.pair_errors(shapes, y, method=method))
+    return list(learner.pair_errors(shapes, y, method=method, reference_y=reference_y))
 
 
 _SCORERS = {
@@ -315,12 +340,13 @@ class _GeodesicScorer:
     """A scorer: minus the mean error of one kind, over the shapes."""
 
     kind: str
+    reference_y: Any = None
 
     def __call__(
         self, estimator: Any, X: Sequence[Any], y: Sequence[Any], sample_weight: Sequence[float] | None = None
     ) -> float:
         """Return the score of a fitted learner, Pipeline or search on shapes ``X``."""
-        means = [errors.mean(self.kind) for errors in matching_errors(estimator, X, y)]
+        means = [e.mean(self.kind) for e in matching_errors(estimator, X, y, reference_y=self.reference_y)]
         return -float(np.average(means, weights=sample_weight))
 
 
@@ -329,7 +355,7 @@ def get_scorer_names() -> list[str]:
     return sorted(_SCORERS)
 
 
-def get_scorer(name: str) -> Callable[..., float]:
+def get_scorer(name: str, reference_y: Any = None) -> Callable[..., float]:
     """Return a scorer for ``scoring=`` of scikit-learn's searches and cross-validation.
 
     Parameters
@@ -339,6 +365,9 @@ def get_scorer(name: str) -> Callable[..., float]:
         the map, ``"neg_per_vertex_geodesic_error"`` at each pair; both need the symmetric answer in the reference's
         correspondence. With the paper's symmetric probes a direct score is a coin toss between sides: use the
         consistent one.
+    reference_y : Correspondence or int array, optional
+        Where the reference lies at the template points that are scored, if these were not given to ``fit``: with sparse
+        landmarks, half of them are fitted and the other half scored.
 
     Returns
     -------
@@ -349,7 +378,7 @@ def get_scorer(name: str) -> Callable[..., float]:
     --------
     >>> from skfmap.metrics import get_scorer
     >>> get_scorer("neg_consistent_geodesic_error")
-    _GeodesicScorer(kind='consistent')
+    _GeodesicScorer(kind='consistent', reference_y=None)
     """
     check_choice(name, "name", _SCORERS)
-    return _GeodesicScorer(_SCORERS[name])
+    return _GeodesicScorer(_SCORERS[name], reference_y)

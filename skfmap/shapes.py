@@ -120,6 +120,8 @@ class SpectralShape:
         Whether all faces are wound consistently.
     outward : bool
         Whether they are known to point outwards.
+    laplacian : str
+        Which Laplacian the eigenfunctions are of.
     """
 
     mesh: Mesh
@@ -130,6 +132,7 @@ class SpectralShape:
     area: float
     oriented: bool = True
     outward: bool = True
+    laplacian: str = "cotangent"
 
     def __repr__(self) -> str:
         """Return a line with name and counts."""
@@ -166,6 +169,7 @@ class SpectralShape:
             self.area,
             self.oriented,
             self.outward,
+            self.laplacian,
         )
 
 
@@ -183,12 +187,16 @@ class ProbedShape:
         Name of each probe function, equal on all shapes that one transformer made.
     probe_categories : tuple of str
         Family of each probe function.
+    recipe : tuple of str
+        Parameters of the basis and of the families that the coefficients depend on. Shapes are matched only if they
+        agree, as far as they are known.
     """
 
     spectral: SpectralShape
     probes: FloatArray
     probe_names: tuple[str, ...]
     probe_categories: tuple[str, ...]
+    recipe: tuple[str, ...] = ()
 
     def __repr__(self) -> str:
         """Return a line with name and counts."""
@@ -215,7 +223,8 @@ class JoinedPairs:
     points : ndarray of int, shape (n_pairs,)
         The template point that joins them.
     weights : ndarray of shape (n_pairs,)
-        1 for plain pairs; for soft correspondences the product of the two sides' weights.
+        Positive. The weight of the pair on S_i (1 for plain pairs), shared among the vertices of S_0 that stand on the
+        template point.
     """
 
     vertices_i: IntArray
@@ -239,6 +248,8 @@ class Correspondence:
         Non-negative weights of soft or barycentric pairs; None means 1 each.
     symmetric_weights : array-like of shape (n_symmetric_pairs,), optional
         The same for ``symmetric_pairs``.
+    n_vertices : int, optional
+        How many vertices the shape has, where the constructor could tell; checked against the mesh.
 
     Raises
     ------
@@ -267,6 +278,7 @@ class Correspondence:
     symmetric_pairs: IntArray | None = None
     weights: FloatArray | None = field(default=None, kw_only=True)
     symmetric_weights: FloatArray | None = field(default=None, kw_only=True)
+    n_vertices: int | None = field(default=None, kw_only=True)
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "pairs", read_only(check_pairs(self.pairs, "pairs")))
@@ -282,7 +294,8 @@ class Correspondence:
 
     def __reduce__(self) -> tuple[Any, ...]:
         """Pickle so that copies are checked and immutable too."""
-        return _correspondence, (self.pairs, self.symmetric_pairs, self.weights, self.symmetric_weights)
+        parts = (self.pairs, self.symmetric_pairs, self.weights, self.symmetric_weights, self.n_vertices)
+        return _correspondence, parts
 
     def __deepcopy__(self, memo: object) -> Self:
         """Return the correspondence itself: it cannot change."""
@@ -310,7 +323,9 @@ class Correspondence:
         Correspondence
             One pair per known vertex.
         """
-        return cls(_enumerate(points, "points"), None if symmetric is None else _enumerate(symmetric, "symmetric"))
+        pairs = _enumerate(points, "points")
+        symmetric_pairs = None if symmetric is None else _enumerate(symmetric, "symmetric")
+        return cls(pairs, symmetric_pairs, n_vertices=len(np.asarray(points)))
 
     @classmethod
     def from_template(cls, vertices: object, symmetric: object | None = None) -> Self:
@@ -353,10 +368,11 @@ class Correspondence:
             One weighted pair per non-zero entry.
         """
         pairs, weights = _matrix_pairs(matrix, "matrix")
+        n_vertices = int(sp.coo_array(matrix).shape[0])
         if symmetric is None:
-            return cls(pairs, weights=weights)
+            return cls(pairs, weights=weights, n_vertices=n_vertices)
         symmetric_pairs, symmetric_weights = _matrix_pairs(symmetric, "symmetric")
-        return cls(pairs, symmetric_pairs, weights=weights, symmetric_weights=symmetric_weights)
+        return cls(pairs, symmetric_pairs, weights=weights, symmetric_weights=symmetric_weights, n_vertices=n_vertices)
 
     @property
     def has_symmetric(self) -> bool:
@@ -397,8 +413,10 @@ class Correspondence:
         rows_i = np.repeat(np.arange(len(self.pairs)), counts)
         within = np.arange(len(rows_i)) - np.repeat(np.cumsum(counts) - counts, counts)
         rows_0 = order[np.repeat(first, counts) + within]
-        weights = _ones_or(self.weights, len(self.pairs))[rows_i] * _ones_or(weights_0, len(pairs_0))[rows_0]
-        return JoinedPairs(self.pairs[rows_i, 0], pairs_0[rows_0, 0], self.pairs[rows_i, 1], weights)
+        weights = _ones_or(self.weights, len(self.pairs))[rows_i] * _share_of_point(pairs_0, weights_0)[rows_0]
+        kept = weights > 0
+        rows_i, rows_0 = rows_i[kept], rows_0[kept]
+        return JoinedPairs(self.pairs[rows_i, 0], pairs_0[rows_0, 0], self.pairs[rows_i, 1], weights[kept])
 
     def restrict(self, points: object) -> "Correspondence":
         """Return the correspondence on the given template points only.
@@ -424,11 +442,15 @@ class Correspondence:
         rows = np.isin(self.pairs[:, 1], kept)
         weights = None if self.weights is None else self.weights[rows]
         if self.symmetric_pairs is None:
-            return Correspondence(self.pairs[rows], weights=weights)
+            return Correspondence(self.pairs[rows], weights=weights, n_vertices=self.n_vertices)
         sym_rows = np.isin(self.symmetric_pairs[:, 1], kept)
         sym_weights = None if self.symmetric_weights is None else self.symmetric_weights[sym_rows]
         return Correspondence(
-            self.pairs[rows], self.symmetric_pairs[sym_rows], weights=weights, symmetric_weights=sym_weights
+            self.pairs[rows],
+            self.symmetric_pairs[sym_rows],
+            weights=weights,
+            symmetric_weights=sym_weights,
+            n_vertices=self.n_vertices,
         )
 
 
@@ -473,9 +495,13 @@ class Match:
 
 
 def _correspondence(
-    pairs: IntArray, symmetric: IntArray | None, weights: FloatArray | None, symmetric_weights: FloatArray | None
+    pairs: IntArray,
+    symmetric: IntArray | None,
+    weights: FloatArray | None,
+    symmetric_weights: FloatArray | None,
+    n_vertices: int | None,
 ) -> Correspondence:
-    return Correspondence(pairs, symmetric, weights=weights, symmetric_weights=symmetric_weights)
+    return Correspondence(pairs, symmetric, weights=weights, symmetric_weights=symmetric_weights, n_vertices=n_vertices)
 
 
 def _enumerate(values: object, who: str) -> IntArray:
@@ -509,6 +535,15 @@ def _check_weights(weights: object | None, n_pairs: int, who: str) -> FloatArray
     if not np.isfinite(out).all() or (out < 0).any():
         raise CorrespondenceError(f"{who} must be finite and non-negative.")
     return read_only(out)
+
+
+def _share_of_point(pairs: IntArray, weights: FloatArray | None) -> FloatArray:
+    """Return each pair's share of all weight on its template point, so that shares on one point sum to 1."""
+    own = _ones_or(weights, len(pairs))
+    if len(pairs) == 0:
+        return own
+    total = np.bincount(pairs[:, 1], own)[pairs[:, 1]]
+    return np.asarray(own / np.where(total > 0, total, 1.0))
 
 
 def _ones_or(weights: FloatArray | None, n: int) -> FloatArray:

@@ -5,8 +5,9 @@ import pytest
 from sklearn.pipeline import make_pipeline
 
 from skfmap import Correspondence, DescriptorTransformer, Mesh, SpectralBasis
-from skfmap.descriptors import HeatKernelSignature
+from skfmap.descriptors import HeatKernelSignature, WaveKernelSignature, default_families
 from skfmap.exceptions import CorrespondenceError, CoverageWarning, MeshError, OrientationWarning
+from skfmap.metrics import GeodesicDistances, get_scorer, pair_errors
 from skfmap.shapes import ProbedShape
 
 
@@ -192,7 +193,7 @@ def test_there_is_one_correspondence_for_each_shape(make_learner, probed, collec
 def test_messages_about_y_say_y(make_learner, probed, collection, wrong):
     pairs = collection.truths[0].pairs
     y = {"one": collection.truths[0], "none": [], "table": np.stack([pairs] * 6).astype(float)}[wrong]
-    with pytest.raises((TypeError, ValueError), match=r"^y "):
+    with pytest.raises((TypeError, ValueError), match=r"^y"):
         make_learner().fit(probed, y)
 
 
@@ -234,7 +235,12 @@ def test_an_empty_join_names_both_shapes(make_learner, probed, collection):
 def test_too_few_pairs_for_k_name_the_shape(make_learner, probed, collection):
     few = collection.truths[2].restrict(np.arange(0, 110, 10))
     assert len(few.pairs) == 11
-    fails(make_learner, probed, changed(collection.truths, 2, few), "'body2' has 11 vertices.*n_functions=12")
+    fails(
+        make_learner,
+        probed,
+        changed(collection.truths, 2, few),
+        "'body2'.* share 11 distinct landmarks.*n_functions=12",
+    )
 
 
 def test_a_partial_correspondence_warns_and_is_used(make_learner, probed, collection):
@@ -276,7 +282,7 @@ def test_shapes_of_different_probes_are_refused(make_learner, probe, probed, col
 
 
 def test_new_shapes_of_different_probes_are_refused_by_name(fitted, probe, collection):
-    with pytest.raises(ValueError, match=r"other probe functions.*same DescriptorTransformer") as error:
+    with pytest.raises(ValueError, match=r"other probe functions.*one DescriptorTransformer") as error:
         fitted.predict(probe(collection.meshes[2:3], "paper"))
     assert "body2" in str(error.value)
 
@@ -432,3 +438,63 @@ def test_the_pipeline_says_the_same_as_its_steps(make_learner, collection):
     loose = Mesh(np.eye(4, 3), [[0, 1, 2]], name="the cat")
     with pytest.raises(MeshError, match="'the cat'"):
         model.fit([*collection.meshes, loose], [*collection.truths, collection.truths[0]])
+
+
+def test_labels_of_parts_are_too_few_for_k(make_learner, probed, collection):
+    # Five parts of many vertices each: thousands of pairs, five places.
+    parts = [Correspondence.from_vertices(np.arange(mesh.n_vertices) % 5) for mesh in collection.meshes]
+    with pytest.raises(CorrespondenceError, match="share 5 distinct landmarks"):
+        make_learner().fit(probed, parts)
+
+
+def test_pairs_of_no_weight_change_nothing(make_learner, probed, collection):
+    rng = np.random.default_rng(0)
+    truths = []
+    for mesh, truth in zip(collection.meshes, collection.truths, strict=True):
+        wrong = np.column_stack([rng.integers(0, mesh.n_vertices, 200), rng.integers(0, 300, 200)])
+        weights = np.repeat([1.0, 0.0], [len(truth.pairs), len(wrong)])
+        truths.append(Correspondence(np.concatenate([truth.pairs, wrong]), weights=weights))
+    plain = make_learner().fit(probed[:5], collection.truths[:5])
+    weighted = make_learner().fit(probed[:5], truths[:5])
+    np.testing.assert_array_equal(weighted.weights_, plain.weights_)
+    np.testing.assert_array_equal(weighted.error_model_.expected_error, plain.error_model_.expected_error)
+
+
+def test_probes_of_other_parameters_are_told_apart(fitted, collection, probe):
+    families = [
+        (n, f.set_params(sigma=0.9) if isinstance(f, WaveKernelSignature) else f) for n, f in default_families()
+    ]
+    with pytest.raises(ValueError, match=r"made with other parameters.*sigma"):
+        fitted.predict(probe(collection.meshes[5:], families))
+
+
+@pytest.mark.parametrize(
+    ("p2p", "error"), [(np.zeros(3, int), ValueError), (np.full(380, -1), ValueError), (np.zeros(380), TypeError)]
+)
+def test_point_maps_are_checked_before_they_are_scored(p2p, error, collection):
+    distances = GeodesicDistances(collection.meshes[0])
+    with pytest.raises(error, match="p2p"):
+        pair_errors(p2p, collection.truths[5], collection.truths[0], distances)
+
+
+def test_a_correspondence_made_for_another_number_of_vertices_is_refused(fitted, probed):
+    wrong = Correspondence.from_vertices(np.arange(100))
+    with pytest.raises(CorrespondenceError, match=r"made for 100 vertices, but the shape has 380.*from_template"):
+        fitted.score(probed[5:], [wrong])
+
+
+def test_the_half_that_was_not_fitted_can_be_scored(make_learner, probed, collection):
+    fit, held_out = ([truth.restrict(np.arange(first, 300, 2)) for truth in collection.truths] for first in (0, 1))
+    learner = make_learner().fit(probed[:5], fit[:5])
+    score = learner.score(probed[5:], held_out[5:], reference_y=held_out[0])
+    assert score == get_scorer("neg_geodesic_error", reference_y=held_out[0])(learner, probed[5:], held_out[5:])
+    assert -0.2 < score < 0
+    with pytest.raises(CorrespondenceError, match="share no template point"):
+        learner.score(probed[5:], held_out[5:])
+
+
+def test_parameters_set_after_fit_wait_for_the_next_fit(make_learner, probed, collection):
+    learner = make_learner().fit(probed[:5], collection.truths[:5])
+    before = learner.predict(probed[5:])
+    learner.set_params(alpha=10.0, normalize="reference", matching="cut")
+    np.testing.assert_array_equal(learner.predict(probed[5:]), before)

@@ -143,3 +143,11 @@ def test_a_family_works_by_itself(collection):
     assert first.shape == second.shape == (10, 3)
     stacked = DescriptorTransformer([("hks", HeatKernelSignature(3))]).transform(shapes)[1].probes
     np.testing.assert_array_equal(stacked, second)
+
+
+def test_parallel_gradients_leave_nothing_rather_than_noise(collection):
+    # With one energy twice, both gradients are the same up to rounding.
+    (shape,) = SpectralBasis(20).transform(collection.meshes[:1])
+    family = OrientedProducts(2, lambda_min=20.0, lambda_max=20.0 * (1 + 1e-12))
+    assert (family.coefficients(shape) == 0).all()
+    assert np.linalg.norm(OrientedProducts(2, lambda_min=20.0, lambda_max=60.0).coefficients(shape)) > 1e-3

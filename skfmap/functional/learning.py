@@ -6,11 +6,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from skfmap._typing import FloatArray
+from skfmap._validation import check_choice, check_number
 from skfmap.functional.norm import epsilon_by_rule
 from skfmap.functional.normalization import scale_by
 from skfmap.functional.objective import LearningProblem
 from skfmap.functional.optimize import Optimum, optimize_weights
-from skfmap.functional.regularization import Regularizer, penalty_of
+from skfmap.functional.regularization import REGULARIZERS, Regularizer, penalty_of
 from skfmap.functional.stable_basis import stable_basis
 from skfmap.functional.weighting import WEIGHTINGS, weight_groups
 
@@ -74,7 +75,8 @@ def learn_functional_maps(
     evals_0, evals : ndarray of shape (k,), ndarray of shape (N, k)
         Laplacian eigenvalues at unit area.
     maps : ndarray of shape (N, k, k)
-        Known functional maps C_i, from functions on S_0 to functions on S_i.
+        Known functional maps C_i, from functions on S_0 to functions on S_i. The first column is taken to be e_0:
+        constants map to constants.
     weighting : {"function", "category", "unique"} or None
         Which probes share a weight; None keeps D = I.
     categories : sequence of str, optional
@@ -120,6 +122,7 @@ def learn_functional_maps(
     share = np.ones(len(maps)) if sample_weight is None else np.asarray(sample_weight, dtype=np.float64)
     labels = ["probe"] * probes_0.shape[1] if categories is None else categories
     _check_choices(weighting, categories, labels, probes_0.shape[1])
+    _check_numbers(epsilon, alpha, regularizer, normalize, share, len(maps))
     problem = LearningProblem(
         probes_0=scale_by(probes_0, probes_0, normalize),
         probes=np.stack([scale_by(probes_0, g, normalize) for g in probes]),
@@ -128,13 +131,14 @@ def learn_functional_maps(
         sample_weight=share,
     )
     start = problem.differences(np.ones(probes_0.shape[1]))
-    size = epsilon_by_rule(start[share > 0]) if isinstance(epsilon, str) else float(epsilon)
-    # Maps that the probes reproduce exactly leave nothing to learn and would make the norm degenerate.
-    size = max(size, 1e-12)
+    # Maps that the probes reproduce exactly would make the automatic norm degenerate.
+    size = max(epsilon_by_rule(start[share > 0]), 1e-12) if isinstance(epsilon, str) else float(epsilon)
     groups = weight_groups(weighting, labels)
     optimum = optimize_weights(problem, groups, size, max_iter=max_iter, tol=tol, callback=callback)
     learned = problem.solve(optimum.weights)
-    Y, stability = stable_basis(learned - maps, share)
+    differences = learned - maps
+    differences[:, :, 0] = 0.0  # constants map to constants
+    Y, stability = stable_basis(differences, share)
     return LearnedMaps(optimum.weights, Y, stability, size, learned, optimum)
 
 
@@ -166,3 +170,23 @@ def _check_choices(
         raise ValueError('weighting="category" needs the category of each probe in `categories`.')
     if len(labels) != n_probes:
         raise ValueError(f"categories must name all {n_probes} probes; got {len(labels)}.")
+
+
+def _check_numbers(
+    epsilon: float | str,
+    alpha: float,
+    regularizer: str | Regularizer,
+    normalize: str,
+    share: FloatArray,
+    n_maps: int,
+) -> None:
+    if isinstance(epsilon, str):
+        check_choice(epsilon, "epsilon", ("auto",))
+    else:
+        check_number(epsilon, "epsilon", low=0, strict=True)
+    check_number(alpha, "alpha", low=0, strict=True)
+    check_choice(normalize, "normalize", ("shape", "reference"))
+    if not callable(regularizer):
+        check_choice(regularizer, "regularizer", REGULARIZERS)
+    if share.shape != (n_maps,) or not np.isfinite(share).all() or (share < 0).any() or not share.any():
+        raise ValueError(f"sample_weight must be {n_maps} finite, non-negative numbers, not all zero; got {share}.")

@@ -107,7 +107,7 @@ def optimize_weights(
         options={"maxiter": max_iter, "maxfun": 10 * max_iter, "gtol": tol, "ftol": 0.0, "maxcor": 20},
     )
     if not np.isfinite(result.fun):
-        raise FloatingPointError("The loss is not finite; raise alpha, or look for probes with extreme coefficients.")
+        raise ValueError("The loss is not finite; raise alpha or epsilon, or look for extreme probe coefficients.")
     gradient_norm = _projected_gradient_norm(result.x, result.jac)
     return Optimum(
         np.exp(result.x)[groups],
@@ -115,7 +115,7 @@ def optimize_weights(
         int(result.nit),
         int(result.nfev) + 1,
         gradient_norm,
-        bool(result.success or gradient_norm <= 10 * tol),
+        gradient_norm <= (tol if result.success else 10 * tol),
         str(result.message),
     )
 

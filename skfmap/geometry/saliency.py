@@ -43,11 +43,13 @@ def gaussian_averages(values: FloatArray, stiffness: SparseMatrix, mass: FloatAr
     n_steps = int(np.ceil(times.max() / step - 1e-9))
     system = sp.csc_array(sp.diags_array(mass) + step * stiffness)
     solver = splu(system, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True})
-    history = np.empty((n_steps + 1, len(values)))
-    history[0] = values
-    for i in range(n_steps):
-        history[i + 1] = solver.solve(mass * history[i])
     position = times / step
-    lower = np.minimum(position.astype(np.int64), n_steps - 1)
-    share = (position - lower)[:, None]
-    return np.asarray(((1 - share) * history[lower] + share * history[lower + 1]).T)
+    before, averages = values, np.empty((len(values), len(times)))
+    for i in range(n_steps):
+        after = solver.solve(mass * before)
+        # A time between two steps is interpolated; the last one may coincide with the last step.
+        share = position - i
+        for j in np.flatnonzero((share >= 0) & ((share < 1) | (i == n_steps - 1))):
+            averages[:, j] = (1 - share[j]) * before + share[j] * after
+        before = after
+    return averages

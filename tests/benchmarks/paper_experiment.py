@@ -28,7 +28,7 @@ from threadpoolctl import threadpool_limits
 from skfmap import DescriptorTransformer, SpectralBasis, WeightedFunctionalMapLearner
 from skfmap.datasets import load_collection
 from skfmap.functional import basis_error
-from skfmap.learner import ground_truth_maps
+from skfmap.ground_truth import ground_truth_maps
 from skfmap.metrics import ERROR_KINDS, pair_errors, reference_distances
 from skfmap.model_selection import PinnedReference
 
