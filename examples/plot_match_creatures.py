@@ -42,5 +42,5 @@ from matplotlib import pyplot as plt
 
 from skfmap.plotting import plot_matches
 
-plot_matches([match], creatures.meshes[-1:], creatures.meshes[0], up=creatures.up)
+plot_matches([match], creatures.meshes[-1:], creatures.meshes[0])
 plt.show()

@@ -127,7 +127,8 @@ def check_number(
 def check_choice(value: object, name: str, choices: Collection[object]) -> Any:
     """Return ``value`` if it is one of ``choices``."""
     if not any(value is c or (isinstance(value, str) and value == c) for c in choices):
-        raise ValueError(f"{name} must be one of {sorted(map(repr, choices))}; got {value!r}.")
+        options = ", ".join(sorted(map(repr, choices)))
+        raise ValueError(f"{name} must be one of {options}; got {value!r}.")
     return value
 
 

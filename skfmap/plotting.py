@@ -8,6 +8,7 @@ import numpy as np
 
 from skfmap._typing import FloatArray
 from skfmap._validation import check_choice
+from skfmap.io import as_mesh
 from skfmap.shapes import Match, Mesh
 
 __all__ = ["plot_function", "plot_matches"]
@@ -18,7 +19,7 @@ _LIGHT = np.array([0.3, 0.8, 0.9]) / np.linalg.norm([0.3, 0.8, 0.9])
 
 
 def plot_function(
-    mesh: Mesh, values: FloatArray, *, ax: Any = None, cmap: str = "viridis", up: str = "y", limits: Any = None
+    mesh: Mesh, values: FloatArray, *, ax: Any = None, cmap: str = "viridis", up: str = "z", limits: Any = None
 ) -> Any:
     """Draw a function, or colours, on a lit mesh.
 
@@ -32,7 +33,7 @@ def plot_function(
         Where to draw; a new figure by default.
     cmap : str, default="viridis"
         Colour map of a function.
-    up : {"x", "y", "z"}, default="y"
+    up : {"x", "y", "z"}, default="z"
         Which axis of the mesh points up.
     limits : (float, float), optional
         Values at the ends of the colour map; those of the function by default.
@@ -67,11 +68,11 @@ def plot_function(
 
 def plot_matches(
     matches: Sequence[Match],
-    meshes: Sequence[Mesh],
-    reference: Mesh,
+    meshes: Sequence[Any],
+    reference: Any,
     *,
     path: str | Path | None = None,
-    up: str = "y",
+    up: str = "z",
     captions: Sequence[str] | None = None,
 ) -> Any:
     """Draw matches as colours carried from the reference, and the expected error below.
@@ -80,13 +81,13 @@ def plot_matches(
     ----------
     matches : sequence of Match
         From `skfmap.match`.
-    meshes : sequence of Mesh
-        The matched shapes.
-    reference : Mesh
+    meshes : sequence of meshes
+        The matched shapes: whatever a mesh may be, paths included.
+    reference : mesh
         The reference; its colours are its coordinates.
     path : str or Path, optional
         Where to save the picture; the suffix chooses the format.
-    up : {"x", "y", "z"}, default="y"
+    up : {"x", "y", "z"}, default="z"
         Which axis of the meshes points up.
     captions : sequence of str, optional
         One per match, below its name.
@@ -102,6 +103,7 @@ def plot_matches(
 
     if len(matches) != len(meshes) or not matches:
         raise ValueError(f"Give one mesh per match, and at least one; got {len(meshes)} and {len(matches)}.")
+    meshes, reference = [as_mesh(mesh) for mesh in meshes], as_mesh(reference)
     figure = plt.figure(figsize=(3.2 * (len(matches) + 1), 6.2), layout="constrained")
     axes = figure.subplots(2, len(matches) + 1, squeeze=False)
     colours = _colours_of_position(reference)

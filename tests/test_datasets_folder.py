@@ -223,3 +223,27 @@ def test_broken_meshes_are_refused(folder, orders):
     (folder / "cat2.off").write_text("OFF\n")
     with pytest.raises(MeshError, match="cat2"):
         load_collection(folder)
+
+
+def test_stl_meshes_take_no_correspondences(tmp_path):
+    for name in ("a", "b"):
+        write_mesh(make_sphere(1), tmp_path / f"{name}.stl")
+        np.savetxt(tmp_path / f"{name}.vts", np.arange(1, 19), fmt="%d")
+    with pytest.raises(CorrespondenceError, match="STL files have no vertex numbers"):
+        load_collection(tmp_path)
+
+
+def test_vts_files_have_one_length(tmp_path):
+    for name, n_lines in (("a", 18), ("b", 18), ("c", 12)):
+        write_mesh(make_sphere(1), tmp_path / f"{name}.off")
+        np.savetxt(tmp_path / f"{name}.vts", np.arange(1, n_lines + 1), fmt="%d")
+    with pytest.raises(CorrespondenceError, match=r"18 here; these differ: \{'c.vts': 12\}"):
+        load_collection(tmp_path)
+
+
+def test_a_file_is_no_folder_and_patterns_may_have_a_suffix(tmp_path):
+    for name in ("a", "b"):
+        write_mesh(make_sphere(1), tmp_path / f"{name}.off")
+    with pytest.raises(NotADirectoryError, match=r"a\.off is a file"):
+        load_collection(tmp_path / "a.off")
+    assert load_collection(tmp_path, "*.off").names == ["a", "b"]

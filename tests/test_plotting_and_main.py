@@ -55,7 +55,7 @@ def test_main_job_on_a_folder(folder, capsys):
         (["nowhere"], "no folder nowhere"),
         (["{}", "--pattern", "dog*"], "no mesh 'dog*'"),
         (["{}", "--reference", "body9"], "reference='body9' is not among"),
-        (["{}", "--folds", "0"], "--folds must be at least 1"),
+        (["{}", "--folds", "0"], "--folds must be an integer at least 1"),
         (["{}", "--pattern", "body[01]"], "needs a reference and at least two more"),
     ],
 )

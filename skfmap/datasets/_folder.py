@@ -44,10 +44,11 @@ def load_collection(folder: str | Path, pattern: str = "*", reference: str | Non
 
     Raises
     ------
-    FileNotFoundError
-        If the folder does not exist or holds no such mesh.
+    FileNotFoundError, NotADirectoryError
+        If the folder does not exist, is a file, or holds no such mesh.
     CorrespondenceError
-        If a mesh has no correspondences, or they do not fit it.
+        If a mesh has no correspondences, or they do not fit it; if ``.vts`` files differ in length; or if a file beside
+        an STL mesh counts on vertex numbers, which that format does not have.
     MeshError
         If a mesh cannot be read.
 
@@ -63,6 +64,10 @@ def load_collection(folder: str | Path, pattern: str = "*", reference: str | Non
     ['ball2', 'ball10']
     """
     folder = Path(folder)
+    if folder.is_file():
+        raise NotADirectoryError(
+            f"{folder} is a file; give the folder that it is in, and choose meshes with `pattern`."
+        )
     if not folder.is_dir():
         raise FileNotFoundError(f"There is no folder {folder}.")
     paths = _mesh_paths(folder, pattern, reference)
@@ -72,8 +77,14 @@ def load_collection(folder: str | Path, pattern: str = "*", reference: str | Non
     if all(truth is None for truth in found):
         how, correspondences = "vertices correspond by number", _by_vertex_number(meshes, folder)
     else:
-        how = "correspondences read beside the meshes"
         correspondences = _all_found(found, names, folder)
+        counts = [len(truth.pairs) for truth in correspondences]
+        n_symmetric = sum(truth.has_symmetric for truth in correspondences)
+        how = (
+            f"{min(counts)} to {max(counts)} pairs per mesh read beside them, symmetric answers for {n_symmetric} of "
+            f"{len(meshes)}"
+        )
+        _check_vts_lengths(paths)
     return Bunch(
         meshes=meshes,
         correspondences=correspondences,
@@ -83,6 +94,8 @@ def load_collection(folder: str | Path, pattern: str = "*", reference: str | Non
 
 
 def _mesh_paths(folder: Path, pattern: str, reference: str | None) -> list[Path]:
+    for suffix in MESH_SUFFIXES:
+        pattern = pattern.removesuffix(suffix)
     paths = sorted((p for p in folder.glob(pattern + ".*") if p.suffix.lower() in MESH_SUFFIXES), key=_natural)
     if not paths:
         raise FileNotFoundError(f"{folder} has no mesh {pattern!r} with suffix {', '.join(MESH_SUFFIXES)}.")
@@ -104,6 +117,16 @@ def _natural(path: Path) -> list[tuple[int, int | str]]:
 
 
 def _read_correspondence(path: Path, mesh: Mesh) -> Correspondence | None:
+    truth = _find_correspondence(path, mesh)
+    if truth is not None and path.suffix.lower() == ".stl":
+        raise CorrespondenceError(
+            f"{path} has correspondences beside it, but STL files have no vertex numbers for these to count on; use "
+            "the OFF, OBJ or PLY file that they were made for."
+        )
+    return truth
+
+
+def _find_correspondence(path: Path, mesh: Mesh) -> Correspondence | None:
     if (vts := path.with_suffix(".vts")).is_file():
         sym = path.with_suffix(".sym.vts")
         symmetric = _read_vts(sym, mesh) if sym.is_file() else None
@@ -116,8 +139,26 @@ def _read_correspondence(path: Path, mesh: Mesh) -> Correspondence | None:
     return None
 
 
+def _check_vts_lengths(paths: list[Path]) -> None:
+    """Raise unless all .vts and .sym.vts files have one line per template point."""
+    files = [path.with_suffix(suffix) for path in paths for suffix in (".vts", ".sym.vts")]
+    lengths = {file.name: len(_read_integers(file)) for file in files if file.is_file()}
+    if len(set(lengths.values())) > 1:
+        usual = max(lengths.values(), key=list(lengths.values()).count)
+        odd = {name: length for name, length in lengths.items() if length != usual}
+        raise CorrespondenceError(
+            f".vts files must all have one line per template point, {usual} here; these differ: {odd}. For points that "
+            "a shape lacks, use NAME.template.txt with -1."
+        )
+
+
 def _read_vts(path: Path, mesh: Mesh) -> IntArray:
     indices = _read_integers(path)
+    if indices.ndim == 1 and indices.min() == 0:
+        raise CorrespondenceError(
+            f"{path} holds 0, but .vts files hold vertices counted from 1 up to {mesh.n_vertices}. If it counts from 0, "
+            f"name it {path.name.split('.')[0]}.template.txt, or add 1 to every line."
+        )
     if indices.ndim != 1 or indices.min() < 1 or indices.max() > mesh.n_vertices:
         raise CorrespondenceError(
             f"{path} must hold one vertex per line, counted from 1 up to {mesh.n_vertices}; got shape {indices.shape}, "
@@ -165,7 +206,8 @@ def _by_vertex_number(meshes: list[Mesh], folder: Path) -> list[Correspondence]:
         if not np.array_equal(mesh.faces, meshes[0].faces):
             raise CorrespondenceError(
                 f"{folder} has no correspondence files, and {mesh.name!r} has other faces than {meshes[0].name!r}, so "
-                "that vertices do not correspond by number. Put a file beside each mesh; load_collection says which."
+                "that vertices do not correspond by number. Put a file beside each mesh: NAME.vts, "
+                "NAME.vertices.txt, NAME.template.txt or NAME.txt; help(skfmap.datasets.load_collection) explains them."
             )
     return [Correspondence.from_vertices(np.arange(mesh.n_vertices)) for mesh in meshes]
 
