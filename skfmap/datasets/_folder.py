@@ -156,8 +156,8 @@ def _read_vts(path: Path, mesh: Mesh) -> IntArray:
     indices = _read_integers(path)
     if indices.ndim == 1 and indices.min() == 0:
         raise CorrespondenceError(
-            f"{path} holds 0, but .vts files hold vertices counted from 1 up to {mesh.n_vertices}. If it counts from 0, "
-            f"name it {path.name.split('.')[0]}.template.txt, or add 1 to every line."
+            f"{path} holds 0, but .vts files hold vertices counted from 1 up to {mesh.n_vertices}. If it counts from "
+            f"0, name it {path.name.split('.')[0]}.template.txt, or add 1 to every line."
         )
     if indices.ndim != 1 or indices.min() < 1 or indices.max() > mesh.n_vertices:
         raise CorrespondenceError(
