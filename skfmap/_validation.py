@@ -134,6 +134,10 @@ def check_choice(value: object, name: str, choices: Collection[object]) -> Any:
 
 def check_samples(X: object, what: str, name: str = "X") -> Sequence[Any]:
     """Return the samples of ``X`` as a list; one bare sample, a table and emptiness are errors."""
+    if hasattr(X, "toarray"):
+        raise TypeError(
+            f"{name} must be a sequence of {what}; got a sparse matrix. skfmap works on shapes, not on tables."
+        )
     if isinstance(X, np.ndarray) and X.dtype.kind in "biufc":
         raise TypeError(
             f"{name} must be a sequence of {what}; got a numeric array of shape {X.shape}. "
