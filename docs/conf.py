@@ -1,5 +1,6 @@
 """Configuration of the documentation."""
 
+import importlib.metadata
 import os
 import warnings
 
@@ -9,7 +10,7 @@ warnings.filterwarnings("ignore", message=".*non-interactive.*")
 project = "skfmap"
 author = "the skfmap developers"
 copyright = "2026, the skfmap developers"
-version = release = "0.1.0"
+version = release = importlib.metadata.version("skfmap")
 
 extensions = [
     "sphinx.ext.autodoc",

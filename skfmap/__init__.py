@@ -1,5 +1,6 @@
 """Learn which probe functions to trust when matching non-rigid shapes."""
 
+from skfmap._version import __version__
 from skfmap.basis import SpectralBasis
 from skfmap.descriptors import DescriptorTransformer
 from skfmap.learner import WeightedFunctionalMapLearner, functional_maps, match
@@ -14,7 +15,7 @@ __all__ = [
     "SpectralBasis",
     "SpectralShape",
     "WeightedFunctionalMapLearner",
+    "__version__",
     "functional_maps",
     "match",
 ]
-__version__ = "0.1.0"

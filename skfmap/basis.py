@@ -12,6 +12,7 @@ from skfmap._caching import cached
 from skfmap._parallel import map_shapes
 from skfmap._typing import FloatArray, SparseMatrix
 from skfmap._validation import check_choice, check_number, label
+from skfmap._version import Versioned
 from skfmap.exceptions import MeshError, OrientationWarning
 from skfmap.functional.eigenbasis import laplacian_eigenbasis
 from skfmap.geometry.faults import (
@@ -31,7 +32,7 @@ __all__ = ["SpectralBasis"]
 _BLOCK = 128
 
 
-class SpectralBasis(TransformerMixin, BaseEstimator):
+class SpectralBasis(Versioned, TransformerMixin, BaseEstimator):
     """Compute the first Laplacian eigenfunctions of each mesh.
 
     Parameters

@@ -14,6 +14,7 @@ from skfmap._caching import cached, code_of
 from skfmap._parallel import map_shapes
 from skfmap._typing import FloatArray
 from skfmap._validation import check_choice, check_number, check_samples, label
+from skfmap._version import Versioned
 from skfmap.exceptions import MeshError
 from skfmap.functional.projection import diffuse, project
 from skfmap.functional.signatures import heat_kernel_signature, wave_kernel_signature
@@ -333,7 +334,7 @@ def default_families() -> list[tuple[str, ProbeFamily]]:
 _SHORTHANDS = {"paper": lambda: paper_families(5), "paper-310": lambda: paper_families(31)}
 
 
-class DescriptorTransformer(TransformerMixin, _BaseComposition, auto_wrap_output_keys=None):  # type: ignore[call-arg]
+class DescriptorTransformer(Versioned, TransformerMixin, _BaseComposition, auto_wrap_output_keys=None):  # type: ignore[call-arg]
     """Compute the probe functions of each shape, as raw coefficients in its basis.
 
     Parameters

@@ -1,6 +1,6 @@
 """Errors and warnings that skfmap raises; each message names the shape, the fault and the remedy."""
 
-__all__ = ["CorrespondenceError", "CoverageWarning", "MeshError", "OrientationWarning"]
+__all__ = ["CorrespondenceError", "CoverageWarning", "MeshError", "OrientationWarning", "VersionWarning"]
 
 
 class MeshError(ValueError):
@@ -13,6 +13,10 @@ class CorrespondenceError(ValueError):
 
 class CoverageWarning(UserWarning):
     """Correspondences determine only a part of a ground-truth functional map."""
+
+
+class VersionWarning(UserWarning):
+    """A model was saved by another version of skfmap."""
 
 
 class OrientationWarning(UserWarning):

@@ -18,6 +18,7 @@ from skfmap._parallel import map_shapes, single_threaded, tell
 from skfmap._typing import FloatArray, IntArray
 from skfmap._unwrap import learner_and_shapes
 from skfmap._validation import check_choice, check_number, label
+from skfmap._version import Versioned
 from skfmap.functional.fmap import solve_functional_map
 from skfmap.functional.learning import learn_functional_maps
 from skfmap.functional.normalization import scale_by
@@ -34,7 +35,7 @@ __all__ = ["WeightedFunctionalMapLearner", "functional_maps", "match"]
 _N_ALL_ROWS = 8000
 
 
-class WeightedFunctionalMapLearner(BaseEstimator):
+class WeightedFunctionalMapLearner(Versioned, BaseEstimator):
     r"""Learn probe weights D and a stable basis Y from shapes with known correspondences.
 
     For a new shape S_i, the functional map is (equation 2 of the paper)

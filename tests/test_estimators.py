@@ -2,6 +2,7 @@
 
 import pickle
 from collections import Counter
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 
 import joblib
@@ -23,6 +24,7 @@ import skfmap.basis
 import skfmap.descriptors
 from skfmap import DescriptorTransformer, Mesh, SpectralBasis, WeightedFunctionalMapLearner
 from skfmap.descriptors import HeatKernelSignature, ProbeFamily, WaveKernelSignature
+from skfmap.exceptions import VersionWarning
 from skfmap.functional.regularization import laplacian_mask
 from skfmap.metrics import geodesic_error, get_scorer, reference_distances
 from skfmap.model_selection import PinnedReference
@@ -745,3 +747,23 @@ def test_expected_errors_and_confidence_are_in_range_and_ordered(fitted, probed)
 def test_expected_errors_are_near_what_happens(fitted, probed, collection):
     expected = np.mean([match.expected_error.mean() for match in fitted.match(probed[5:])])
     assert 0.3 < expected / -fitted.score(probed[5:], collection.truths[5:]) < 3
+
+
+def test_a_model_of_another_version_says_so(fitted, monkeypatch):
+    saved = pickle.dumps(fitted)
+    assert pickle.loads(saved).get_params() == fitted.get_params()
+    monkeypatch.setattr("skfmap._version.__version__", "99.0")
+    with pytest.warns(VersionWarning, match=r"saved by skfmap .* loaded by 99\.0"):
+        pickle.loads(saved)
+
+
+def test_who_asks_for_one_basis_at_once_shares_one_computation(tmp_path, collection, monkeypatch):
+    computed = []
+    original = skfmap.basis.laplacian_eigenbasis
+    monkeypatch.setattr(skfmap.basis, "laplacian_eigenbasis", lambda *a: computed.append(a) or original(*a))
+    ask = lambda _: SpectralBasis(20, memory=tmp_path).transform(collection.meshes[:2])
+    with ThreadPoolExecutor(4) as pool:
+        results = list(pool.map(ask, range(4)))
+    assert len(computed) == 2
+    for shapes in results[1:]:
+        assert_array_equal(shapes[0].evecs, results[0][0].evecs)

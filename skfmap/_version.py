@@ -1,0 +1,31 @@
+"""The version of the package, and what becomes of models that another version saved."""
+
+import warnings
+from typing import Any
+
+from skfmap.exceptions import VersionWarning
+
+__all__ = ["Versioned", "__version__"]
+
+__version__ = "0.1.0"
+
+
+class Versioned:
+    """Mixin of estimators whose pickles carry the version; put it before BaseEstimator."""
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Return what is saved."""
+        return {**super().__getstate__(), "_skfmap_version": __version__}  # type: ignore[dict-item]
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        """Take what was saved; warn if it was by another version."""
+        saved = state.get("_skfmap_version", "unknown")
+        if saved != __version__:
+            warnings.warn(
+                f"This {type(self).__name__} was saved by skfmap {saved}, and is loaded by {__version__}: its results "
+                "may differ. Fit it again, or install that version.",
+                VersionWarning,
+                stacklevel=2,
+            )
+        kept = {key: value for key, value in state.items() if key != "_skfmap_version"}
+        super().__setstate__(kept)  # type: ignore[misc]
