@@ -352,6 +352,7 @@ class WeightedFunctionalMapLearner(Versioned, BaseEstimator):
             (truth_0,) = check_correspondences([reference_y], [self.reference_])
         if method == "heat" and self.reference_.spectral.mesh.n_vertices <= _N_ALL_ROWS:
             # The same rows for every shape and fold, so that a cache serves them all.
+            self._tell("geodesic distances on the reference, once for all scores")
             distances.rows(_reference_vertices(truth_0))
         p2ps = self.point_maps(shapes, matching=matching, n_stable=n_stable)
         return [pair_errors(p2p, truth, truth_0, distances) for p2p, truth in zip(p2ps, truths, strict=True)]
