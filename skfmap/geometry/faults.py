@@ -45,7 +45,7 @@ def nonmanifold_edges(faces: IntArray) -> IntArray:
 
 def count_components(faces: IntArray, n_vertices: int) -> int:
     """Return the number of connected components, isolated vertices included."""
-    edges = _half_edges(faces)
+    edges = _half_edges(faces).astype(np.int32)
     links = sp.coo_array((np.ones(len(edges)), (edges[:, 0], edges[:, 1])), shape=(n_vertices, n_vertices))
     return int(sp.csgraph.connected_components(links, directed=False)[0])
 

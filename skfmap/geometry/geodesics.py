@@ -58,7 +58,9 @@ def edge_graph(vertices: FloatArray, faces: IntArray) -> SparseMatrix:
     """Return the edges with their lengths, a sparse array with each edge once."""
     edges = edges_of(faces)
     lengths = np.linalg.norm(vertices[edges[:, 0]] - vertices[edges[:, 1]], axis=1)
-    return sp.coo_array((lengths, (edges[:, 0], edges[:, 1])), shape=(len(vertices),) * 2).tocsr()
+    # Older versions of scipy's graph routines take 32-bit indices only.
+    ends = edges.astype(np.int32)
+    return sp.coo_array((lengths, (ends[:, 0], ends[:, 1])), shape=(len(vertices),) * 2).tocsr()
 
 
 def areas_of_landmarks(vertices: FloatArray, faces: IntArray, mass: FloatArray, landmarks: IntArray) -> FloatArray:
