@@ -5,11 +5,11 @@ from collections.abc import Sequence
 from typing import Any, Self
 
 import numpy as np
-from sklearn.base import BaseEstimator, TransformerMixin
-from sklearn.utils import Tags
+from sklearn.base import BaseEstimator
 
 from skfmap._caching import cached
 from skfmap._parallel import map_shapes
+from skfmap._stateless import StatelessShapeTransformer
 from skfmap._typing import FloatArray, SparseMatrix
 from skfmap._validation import check_choice, check_number, label
 from skfmap._version import Versioned
@@ -32,7 +32,7 @@ __all__ = ["SpectralBasis"]
 _BLOCK = 128
 
 
-class SpectralBasis(Versioned, TransformerMixin, BaseEstimator):
+class SpectralBasis(Versioned, StatelessShapeTransformer, BaseEstimator):
     """Compute the first Laplacian eigenfunctions of each mesh.
 
     Parameters
@@ -145,17 +145,6 @@ class SpectralBasis(Versioned, TransformerMixin, BaseEstimator):
     def _check_parameters(self) -> None:
         check_number(self.n_components, "n_components", low=2, integer=True)
         check_choice(self.laplacian, "laplacian", LAPLACIANS)
-
-    def __sklearn_is_fitted__(self) -> bool:
-        """Return True: there is no state."""
-        return True
-
-    def __sklearn_tags__(self) -> Tags:
-        """Return tags that say that samples are no rows of a table."""
-        tags = super().__sklearn_tags__()
-        tags.input_tags.two_d_array = False
-        tags.requires_fit = False
-        return tags
 
 
 def _warn_of_unknown_sides(shapes: Sequence[SpectralShape]) -> None:

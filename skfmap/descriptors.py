@@ -6,12 +6,12 @@ from itertools import combinations
 from typing import Any, Self
 
 import numpy as np
-from sklearn.base import BaseEstimator, TransformerMixin, clone
-from sklearn.utils import Tags
+from sklearn.base import BaseEstimator, clone
 from sklearn.utils.metaestimators import _BaseComposition
 
 from skfmap._caching import cached, code_of
 from skfmap._parallel import map_shapes
+from skfmap._stateless import StatelessShapeTransformer
 from skfmap._typing import FloatArray
 from skfmap._validation import check_choice, check_number, check_samples, label
 from skfmap._version import Versioned
@@ -36,7 +36,7 @@ __all__ = [
 ]
 
 
-class ProbeFamily(TransformerMixin, BaseEstimator, ABC, auto_wrap_output_keys=None):  # type: ignore[call-arg]
+class ProbeFamily(StatelessShapeTransformer, BaseEstimator, ABC):
     """A family of probe functions; derive from it to add one.
 
     A family is stateless: its scales are constants on shapes of unit area, so that a probe means the same on every
@@ -64,17 +64,6 @@ class ProbeFamily(TransformerMixin, BaseEstimator, ABC, auto_wrap_output_keys=No
         """Return the coefficients of the functions on each shape, each of shape (n_components, n_functions)."""
         self.check_parameters()
         return [self.coefficients(shape) for shape in check_samples(X, "spectral shapes")]
-
-    def __sklearn_is_fitted__(self) -> bool:
-        """Return True: there is no state."""
-        return True
-
-    def __sklearn_tags__(self) -> Tags:
-        """Return tags that say that samples are no rows of a table."""
-        tags = super().__sklearn_tags__()
-        tags.input_tags.two_d_array = False
-        tags.requires_fit = False
-        return tags
 
 
 class HeatKernelSignature(ProbeFamily):
@@ -334,7 +323,7 @@ def default_families() -> list[tuple[str, ProbeFamily]]:
 _SHORTHANDS = {"paper": lambda: paper_families(5), "paper-310": lambda: paper_families(31)}
 
 
-class DescriptorTransformer(Versioned, TransformerMixin, _BaseComposition, auto_wrap_output_keys=None):  # type: ignore[call-arg]
+class DescriptorTransformer(Versioned, StatelessShapeTransformer, _BaseComposition):
     """Compute the probe functions of each shape, as raw coefficients in its basis.
 
     Parameters
@@ -490,17 +479,6 @@ class DescriptorTransformer(Versioned, TransformerMixin, _BaseComposition, auto_
             family.check_parameters()
         self._validate_names([name for name, _ in families])
         return families
-
-    def __sklearn_is_fitted__(self) -> bool:
-        """Return True: there is no state."""
-        return True
-
-    def __sklearn_tags__(self) -> Tags:
-        """Return tags that say that samples are no rows of a table."""
-        tags = super().__sklearn_tags__()
-        tags.input_tags.two_d_array = False
-        tags.requires_fit = False
-        return tags
 
 
 def _are_pairs(families: object) -> bool:
