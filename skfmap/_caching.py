@@ -8,10 +8,20 @@ from pathlib import Path
 from typing import Any
 
 import joblib
+import numpy as np
 from filelock import FileLock
 from sklearn.utils.validation import check_memory
 
-__all__ = ["cached", "code_of"]
+__all__ = ["cached", "code_of", "hash_of_arrays"]
+
+
+def hash_of_arrays(*arrays: Any) -> str:
+    """Return a hash of the content of numeric arrays, their types and their shapes."""
+    digest = hashlib.sha256()
+    for array in map(np.asarray, arrays):
+        digest.update(f"{array.dtype.str}{array.shape}".encode())
+        digest.update(np.ascontiguousarray(array).tobytes())
+    return digest.hexdigest()
 
 
 def cached(function: Callable[..., Any], memory: Any) -> Callable[..., Any]:
@@ -48,14 +58,24 @@ def cached(function: Callable[..., Any], memory: Any) -> Callable[..., Any]:
     return recall
 
 
-def code_of(kind: type) -> str | None:
-    """Return a hash of the source of a class that is not part of this package, or None if it cannot be read."""
-    if kind.__module__.startswith("skfmap."):
+def code_of(item: Any) -> str | None:
+    """Return a hash of the source of a class or function that is not part of this package.
+
+    None if the source cannot be read, or does not tell the whole: a lambda, a closure, a bound method.
+    """
+    if getattr(item, "__module__", "").startswith("skfmap."):
         return ""
+    if not isinstance(item, type) and (getattr(item, "__name__", "<lambda>") == "<lambda>" or _is_bound(item)):
+        return None
     try:
-        return hashlib.sha256(inspect.getsource(kind).encode()).hexdigest()
+        return hashlib.sha256(inspect.getsource(item).encode()).hexdigest()
     except (OSError, TypeError):
         return None
+
+
+def _is_bound(function: Any) -> bool:
+    """Tell whether a function carries values that its source does not show."""
+    return bool(getattr(function, "__closure__", None)) or hasattr(function, "__self__")
 
 
 @lru_cache

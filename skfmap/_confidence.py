@@ -2,15 +2,17 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from sklearn.isotonic import IsotonicRegression
 
+from skfmap._caching import cached, hash_of_arrays
 from skfmap._matching import nearest_points
 from skfmap._parallel import map_shapes
 from skfmap._typing import FloatArray, IntArray
 from skfmap.geometry.geodesics import farthest_vertices, heat_distances
-from skfmap.shapes import JoinedPairs, ProbedShape
+from skfmap.shapes import JoinedPairs, Mesh, ProbedShape
 
 __all__ = ["TOLERANCE", "ErrorModel", "calibrate", "fit_error_model"]
 
@@ -75,6 +77,8 @@ def calibrate(
     maps: FloatArray,
     functions: FloatArray,
     share: FloatArray,
+    *,
+    memory: Any,
     n_jobs: int | None,
 ) -> ErrorModel:
     """Relate residuals to errors at well-spread vertices of the reference, on the training shapes.
@@ -91,6 +95,8 @@ def calibrate(
         What points are matched in.
     share : ndarray of shape (n_shapes,)
         Weight of each shape; one of weight 0 is left out.
+    memory : None, str or joblib.Memory
+        Where distances are cached.
     n_jobs : int or None
         Shapes at a time.
 
@@ -102,13 +108,21 @@ def calibrate(
     used = [i for i in range(len(shapes)) if share[i] > 0]
     mesh = reference.spectral.mesh
     known = np.unique(np.concatenate([joins[i].vertices_0 for i in used]))
-    chosen = np.sort(farthest_vertices(mesh.vertices, mesh.faces, known, _N_OBSERVED))
-    distances = heat_distances(reference.spectral.vertices, mesh.faces, chosen)
+    chosen, distances = cached(_distances_from_some, memory)(
+        (mesh, known), hash_of_arrays(mesh.vertices, mesh.faces, known)
+    )
     arguments = ((shapes[i], reference, joins[i], (maps[i], functions), (chosen, distances)) for i in used)
     observed = map_shapes(_observe_errors, arguments, n_jobs=n_jobs, verbose=0)
     weights = [share[i] * own for i, (_, _, own) in zip(used, observed, strict=True)]
     residuals, errors = (np.concatenate([part[j] for part in observed]) for j in range(2))
     return fit_error_model(residuals, errors, np.concatenate(weights))
+
+
+def _distances_from_some(where: tuple[Mesh, IntArray], content_hash: str) -> tuple[IntArray, FloatArray]:  # noqa: ARG001
+    """Return well-spread vertices among the known ones, and the distances from each to all, at unit area."""
+    mesh, known = where
+    chosen = np.sort(farthest_vertices(mesh.vertices, mesh.faces, known, _N_OBSERVED))
+    return chosen, heat_distances(mesh.vertices / np.sqrt(mesh.area), mesh.faces, chosen)
 
 
 def _observe_errors(

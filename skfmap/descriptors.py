@@ -1,7 +1,7 @@
 """Probe functions: the paper's nine families, and the oriented one that tells left from right."""
 
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from itertools import combinations
 from typing import Any, Self
 
@@ -26,6 +26,7 @@ from skfmap.shapes import ProbedShape, SpectralShape
 __all__ = [
     "DescriptorTransformer",
     "DiffusedCurvature",
+    "FunctionProbes",
     "HeatKernelSignature",
     "MeshSaliency",
     "OrientedProducts",
@@ -297,6 +298,77 @@ class OrientedProducts(ProbeFamily):
         return np.geomspace(self.lambda_min, self.lambda_max, self.n_sources)
 
 
+class FunctionProbes(ProbeFamily):
+    """Probe functions that a plain Python function computes, as FunctionTransformer wraps one for tables.
+
+    Parameters
+    ----------
+    function : callable
+        Takes a `SpectralShape` (of unit area: ``vertices``, ``mesh.faces``, ``mass``, ``evals``, ``evecs``) and returns
+        values at its vertices, shape (n_vertices,) or (n_vertices, n_functions). Its scales must be constants at unit
+        area, so that a probe means the same on every shape.
+    n_functions : int, default=1
+        Number of functions that it returns.
+    kw_args : dict, optional
+        Further arguments of ``function``.
+
+    Notes
+    -----
+    Results are cached where `DescriptorTransformer` has a ``memory`` if ``function`` is a function of a module; a
+    lambda or a closure is computed each time, because nothing tells one from the next. The source of ``function`` is
+    part of the key, that of what it calls is not.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from skfmap import DescriptorTransformer, SpectralBasis
+    >>> from skfmap.datasets import make_sphere
+    >>> from skfmap.descriptors import FunctionProbes, paper_families
+    >>> def depth(shape, power=2.0):
+    ...     return np.linalg.norm(shape.vertices - shape.mass @ shape.vertices, axis=1) ** power
+    >>> families = [*paper_families(), ("depth", FunctionProbes(depth, kw_args={"power": 3.0}))]
+    >>> (shape,) = DescriptorTransformer(families).transform(SpectralBasis(20).transform([make_sphere(3)]))
+    >>> shape.probe_names[-1]
+    'depth[depth]'
+    """
+
+    def __init__(
+        self,
+        function: Callable[..., FloatArray],
+        n_functions: int = 1,
+        *,
+        kw_args: dict[str, Any] | None = None,
+    ) -> None:
+        self.function = function
+        self.n_functions = n_functions
+        self.kw_args = kw_args
+
+    def check_parameters(self) -> None:
+        """Raise for parameters that cannot be used."""
+        if not callable(self.function):
+            raise TypeError(f"function must be callable; got {self.function!r}.")
+        check_number(self.n_functions, "n_functions", low=1, integer=True)
+        if not (self.kw_args is None or isinstance(self.kw_args, dict)):
+            raise TypeError(f"kw_args must be a dict or None; got {self.kw_args!r}.")
+
+    def labels(self) -> list[str]:
+        """Return the name of the function, numbered if there are several."""
+        name = getattr(self.function, "__name__", type(self.function).__name__)
+        return [name] if self.n_functions == 1 else [f"{name}_{i}" for i in range(self.n_functions)]
+
+    def coefficients(self, shape: SpectralShape) -> FloatArray:
+        """Return the coefficients, shape (n_components, n_functions)."""
+        values = np.asarray(self.function(shape, **(self.kw_args or {})), dtype=np.float64)
+        columns = values[:, None] if values.ndim == 1 else values
+        if columns.shape != (shape.mesh.n_vertices, self.n_functions) or not np.isfinite(columns).all():
+            raise ValueError(
+                f"{self.labels()[0]} must return finite values of shape ({shape.mesh.n_vertices}, {self.n_functions}) "
+                f"on {label(shape.name)}; got shape {values.shape}"
+                + ("." if np.isfinite(values).all() else " with NaN or infinite values.")
+            )
+        return project(columns, shape.evecs, shape.mass)
+
+
 def paper_families(n_functions: int = 5) -> list[tuple[str, ProbeFamily]]:
     """Return the nine families of section 5.1: ``n_functions`` each, twice as many of saliency.
 
@@ -493,13 +565,27 @@ def _are_pairs(families: object) -> bool:
 
 
 def _recipe(shape: SpectralShape, families: list[tuple[str, ProbeFamily]]) -> tuple[str, ...]:
-    """Return what the coefficients depend on beside the mesh."""
-    parts = [f"{name}: {type(family).__name__} {sorted(family.get_params().items())}" for name, family in families]
+    """Return what the coefficients depend on beside the mesh, in words that are the same in every process."""
+    parts = [f"{name}: {type(family).__name__} {_told(family.get_params())}" for name, family in families]
     return f"n_components={shape.n_components}", f"laplacian={shape.laplacian!r}", *parts
 
 
+def _told(params: dict[str, Any]) -> list[tuple[str, Any]]:
+    """Return parameters with the names of functions instead of their addresses."""
+    return [
+        (key, getattr(value, "__qualname__", type(value).__qualname__) if callable(value) else value)
+        for key, value in sorted(params.items())
+    ]
+
+
+def _codes(family: ProbeFamily) -> list[str | None]:
+    """Return hashes of the code that a family and its parameters bring along; None where it cannot be told."""
+    functions = [value for value in family.get_params().values() if callable(value)]
+    return [code_of(item) for item in (type(family), *functions)]
+
+
 def _coefficients(shape: SpectralShape, families: list[ProbeFamily], memory: Any) -> FloatArray:
-    codes = [code_of(type(family)) for family in families]
+    codes = [code for family in families for code in _codes(family)]
     compute = cached(_stacked, memory if None not in codes else None)
     return np.asarray(compute(shape, shape.mesh.content_hash, families, shape.n_components, shape.laplacian, codes))
 

@@ -10,6 +10,7 @@ from sklearn.exceptions import ConvergenceWarning
 from sklearn.utils import Tags
 from sklearn.utils.validation import check_is_fitted
 
+from skfmap._callbacks import CallbackSupportMixin, FitTask, with_callbacks
 from skfmap._confidence import calibrate
 from skfmap._inputs import check_correspondences, check_same_probes, check_sample_weight, check_shapes, place
 from skfmap._matching import nearest_points
@@ -20,14 +21,14 @@ from skfmap._unwrap import learner_and_shapes
 from skfmap._validation import check_choice, check_number, label
 from skfmap._version import Versioned
 from skfmap.functional.fmap import solve_functional_map
-from skfmap.functional.learning import learn_functional_maps
+from skfmap.functional.learning import LearnedMaps, learn_functional_maps
 from skfmap.functional.normalization import scale_by
 from skfmap.functional.regularization import REGULARIZERS, penalty_of
 from skfmap.functional.stable_basis import stability_weights
 from skfmap.functional.weighting import WEIGHTINGS
 from skfmap.ground_truth import ground_truth_maps, join_with_reference
 from skfmap.metrics import PairErrors, pair_errors, reference_distances
-from skfmap.shapes import Correspondence, Match, ProbedShape
+from skfmap.shapes import Correspondence, JoinedPairs, Match, ProbedShape
 
 __all__ = ["WeightedFunctionalMapLearner", "functional_maps", "match"]
 
@@ -35,7 +36,7 @@ __all__ = ["WeightedFunctionalMapLearner", "functional_maps", "match"]
 _N_ALL_ROWS = 8000
 
 
-class WeightedFunctionalMapLearner(Versioned, BaseEstimator):
+class WeightedFunctionalMapLearner(CallbackSupportMixin, Versioned, BaseEstimator):
     r"""Learn probe weights D and a stable basis Y from shapes with known correspondences.
 
     For a new shape S_i, the functional map is (equation 2 of the paper)
@@ -50,8 +51,10 @@ class WeightedFunctionalMapLearner(Versioned, BaseEstimator):
     ----------
     n_functions : int, default=50
         k: how many of each shape's first eigenfunctions are used.
-    weighting : {"function", "category", "unique"} or None, default="function"
-        One weight per probe, per family, for all, or none (D = I, the naive baseline; Y is learned all the same).
+    weighting : {"function", "category", "unique"}, sequence, callable or None, default="function"
+        One weight per probe, per family, for all, or none (D = I, the naive baseline; Y is learned all the same). A
+        sequence holds a label for each probe, and those of one label share a weight; a callable returns it for the
+        names and the categories of the probes, ``(names, categories) -> labels``.
     epsilon : float or "auto", default="auto"
         Of the norm (4). ``"auto"`` is the 80 percent rule of section 3.2. The loss depends on epsilon, so it says
         nothing about which epsilon is better: use a score.
@@ -77,7 +80,7 @@ class WeightedFunctionalMapLearner(Versioned, BaseEstimator):
     tol : float, default=1e-5
         Largest derivative of the mean singular value's loss in a log-weight at which the search has converged.
     memory : str or joblib.Memory, optional
-        Where geodesic distances for `score` are cached.
+        Where ground-truth maps and geodesic distances are cached, so that the fits and scores of a search share them.
     n_jobs : int, optional
         Shapes at a time; see joblib. The result is the same for every value.
     verbose : int, default=0
@@ -139,7 +142,7 @@ class WeightedFunctionalMapLearner(Versioned, BaseEstimator):
         self,
         *,
         n_functions: int = 50,
-        weighting: str | None = "function",
+        weighting: str | Sequence[Any] | Callable[..., Any] | None = "function",
         epsilon: float | str = "auto",
         alpha: float = 0.01,
         regularizer: str | Callable[[FloatArray, FloatArray], FloatArray] = "laplacian",
@@ -170,6 +173,7 @@ class WeightedFunctionalMapLearner(Versioned, BaseEstimator):
         self.n_jobs = n_jobs
         self.verbose = verbose
 
+    @with_callbacks  # type: ignore[untyped-decorator]
     def fit(self, X: Sequence[ProbedShape], y: Sequence[Any], sample_weight: Sequence[float] | None = None) -> Self:
         """Learn weights and stable basis.
 
@@ -219,24 +223,15 @@ class WeightedFunctionalMapLearner(Versioned, BaseEstimator):
             join_with_reference(truth, shape, training.truth_0, training.reference)
             for truth, shape in zip(training.truths, training.shapes, strict=True)
         ]
-        maps = ground_truth_maps(training.shapes, training.reference, joins, self.n_functions, n_jobs=self.n_jobs)
-        learned = single_threaded(self._learn, training, maps)
-
-        self.weights_ = learned.weights
-        self.stable_basis_, self.stability_ = learned.stable_basis, learned.stability
-        self.epsilon_, self.loss_ = learned.epsilon, learned.optimum.loss_curve[-1]
-        self.loss_curve_, self.n_iter_ = learned.optimum.loss_curve, learned.optimum.n_iter
-        self.n_stable_ = _count_stable(self.n_stable, self.n_functions)
-        self.reference_, self.reference_index_ = training.reference, index
-        self.reference_correspondence_ = training.truth_0
-        self._settings = _Settings(self.alpha, self.normalize, self.regularizer, self.matching)
-        self.probe_names_ = np.array(training.reference.probe_names, dtype=object)
-        self.probe_categories_ = np.array(training.reference.probe_categories, dtype=object)
-        self._tell("calibrating expected errors")
-        functions = self._trusted_functions(self.matching, self.n_stable_)
-        self.error_model_ = calibrate(
-            training.shapes, training.reference, joins, learned.maps, functions, training.share, self.n_jobs
+        maps = ground_truth_maps(
+            training.shapes, training.reference, joins, self.n_functions, memory=self.memory, n_jobs=self.n_jobs
         )
+        task = FitTask(self, X, y, sample_weight, self.max_iter)
+        learned = single_threaded(self._learn, training, joins, maps, task)
+        self._tell("calibrating expected errors")
+        fitted = self._fitted_attributes(training, joins, learned)
+        self.__dict__.update(fitted)  # at once, so that an interrupted fit leaves nothing behind
+        task.end(fitted)
         return self
 
     def functional_maps(self, X: Sequence[ProbedShape]) -> FloatArray:
@@ -311,7 +306,9 @@ class WeightedFunctionalMapLearner(Versioned, BaseEstimator):
         shapes = self._check_new(X)
         check_choice(matching, "matching", (None, "soft", "cut"))
         p = self.n_stable_ if n_stable is None else _count_stable(n_stable, len(self.stable_basis_))
-        functions = self._trusted_functions(self._settings.matching if matching is None else matching, p)
+        functions = _trusted_functions(
+            self.stable_basis_, self.stability_, self._settings.matching if matching is None else matching, p
+        )
         arguments = ((self, shape, functions) for shape in shapes)
         return list(map_shapes(_point_map, arguments, n_jobs=self.n_jobs, verbose=0))
 
@@ -387,7 +384,8 @@ class WeightedFunctionalMapLearner(Versioned, BaseEstimator):
 
     def _check_parameters(self) -> None:
         check_number(self.n_functions, "n_functions", low=2, integer=True)
-        check_choice(self.weighting, "weighting", WEIGHTINGS)
+        if isinstance(self.weighting, str) or self.weighting is None:
+            check_choice(self.weighting, "weighting", WEIGHTINGS)
         if isinstance(self.epsilon, str):
             check_choice(self.epsilon, "epsilon", ("auto",))
         else:
@@ -415,15 +413,26 @@ class WeightedFunctionalMapLearner(Versioned, BaseEstimator):
             )
         return names.index(self.reference)
 
-    def _learn(self, training: "_Training", maps: FloatArray) -> Any:
+    def _learn(
+        self, training: "_Training", joins: Sequence[JoinedPairs], maps: FloatArray, task: FitTask
+    ) -> LearnedMaps:
         k, reference = self.n_functions, training.reference
+
+        def after_iteration(iteration: int, loss: float, so_far: Callable[[], LearnedMaps]) -> bool:
+            if iteration % 10 == 0:
+                self._tell(f"iteration {iteration}: loss {loss:.4f}")
+            stop = task.end_iteration(lambda: self._fitted_attributes(training, joins, so_far()))
+            task.begin_iteration()
+            return stop
+
+        task.begin_iteration()
         learned = learn_functional_maps(
             reference.probes[:k],
             np.stack([shape.probes[:k] for shape in training.shapes]),
             reference.spectral.evals[:k],
             np.stack([shape.spectral.evals[:k] for shape in training.shapes]),
             maps,
-            weighting=self.weighting,
+            weighting=_labels_of(self.weighting, reference),
             categories=reference.probe_categories,
             epsilon=self.epsilon,
             alpha=self.alpha,
@@ -432,23 +441,51 @@ class WeightedFunctionalMapLearner(Versioned, BaseEstimator):
             sample_weight=training.share,
             max_iter=self.max_iter,
             tol=self.tol,
-            callback=self._tell_iteration if self.verbose else None,
+            callback=after_iteration,
         )
-        if not learned.optimum.converged:
+        if not (learned.optimum.converged or learned.optimum.stopped):
             warnings.warn(
                 f"The weights did not converge in {learned.optimum.n_iter} iterations (gradient "
                 f"{learned.optimum.gradient_norm:.2g}, tol {self.tol:g}): {learned.optimum.message}. Raise max_iter "
                 "or tol.",
                 ConvergenceWarning,
-                stacklevel=4,
+                stacklevel=5,
             )
         return learned
 
-    def _trusted_functions(self, matching: str, p: int) -> FloatArray:
-        """Return the functions that points are matched in, shape (k, p) or (k, k)."""
-        if matching == "cut":
-            return self.stable_basis_[:, :p]
-        return self.stable_basis_ * stability_weights(self.stability_)
+    def _fitted_attributes(
+        self, training: "_Training", joins: Sequence[JoinedPairs], learned: LearnedMaps
+    ) -> dict[str, Any]:
+        """Return what `fit` leaves behind."""
+        reference, p = training.reference, _count_stable(self.n_stable, self.n_functions)
+        functions = _trusted_functions(learned.stable_basis, learned.stability, self.matching, p)
+        error_model = calibrate(
+            training.shapes,
+            reference,
+            joins,
+            learned.maps,
+            functions,
+            training.share,
+            memory=self.memory,
+            n_jobs=self.n_jobs,
+        )
+        return {
+            "weights_": learned.weights,
+            "stable_basis_": learned.stable_basis,
+            "stability_": learned.stability,
+            "epsilon_": learned.epsilon,
+            "loss_": learned.optimum.loss_curve[-1],
+            "loss_curve_": learned.optimum.loss_curve,
+            "n_iter_": learned.optimum.n_iter,
+            "n_stable_": p,
+            "reference_": reference,
+            "reference_index_": training.place,
+            "reference_correspondence_": training.truth_0,
+            "probe_names_": np.array(reference.probe_names, dtype=object),
+            "probe_categories_": np.array(reference.probe_categories, dtype=object),
+            "error_model_": error_model,
+            "_settings": _Settings(self.alpha, self.normalize, self.regularizer, self.matching),
+        }
 
     def _check_new(self, X: Sequence[ProbedShape]) -> Sequence[ProbedShape]:
         check_is_fitted(self, "stable_basis_")
@@ -460,10 +497,6 @@ class WeightedFunctionalMapLearner(Versioned, BaseEstimator):
     def _tell(self, message: str) -> None:
         if self.verbose:
             tell(f"[{type(self).__name__}] {message}")
-
-    def _tell_iteration(self, iteration: int, loss: float) -> None:
-        if iteration % 10 == 0:
-            self._tell(f"iteration {iteration}: loss {loss:.4f}")
 
     def __sklearn_tags__(self) -> Tags:
         """Return tags that say that samples are no rows of a table, and that y is needed."""
@@ -523,6 +556,20 @@ def _count_stable(n_stable: float | None, k: int) -> int:
     return max(1, round(check_number(n_stable, "n_stable", low=0, high=1, strict=True) * k))
 
 
+def _labels_of(weighting: Any, reference: ProbedShape) -> Any:
+    """Return a weighting that needs no names: a callable is asked for the label of each probe."""
+    if not callable(weighting):
+        return weighting
+    return list(weighting(list(reference.probe_names), list(reference.probe_categories)))
+
+
+def _trusted_functions(stable_basis: FloatArray, stability: FloatArray, matching: str, p: int) -> FloatArray:
+    """Return the functions that points are matched in, shape (k, p) or (k, k)."""
+    if matching == "cut":
+        return stable_basis[:, :p]
+    return stable_basis * stability_weights(stability)
+
+
 def _reference_vertices(truth: Correspondence) -> IntArray:
     symmetric = truth.pairs[:0] if truth.symmetric_pairs is None else truth.symmetric_pairs
     return np.union1d(truth.pairs[:, 0], symmetric[:, 0])
@@ -540,6 +587,7 @@ class _Settings(NamedTuple):
 class _Training(NamedTuple):
     """The reference and the other training shapes."""
 
+    place: int
     reference: ProbedShape
     truth_0: Correspondence
     shapes: list[ProbedShape]
@@ -551,7 +599,9 @@ def _split_off(
     index: int, shapes: Sequence[ProbedShape], truths: Sequence[Correspondence], share: FloatArray
 ) -> _Training:
     rest = [i for i in range(len(shapes)) if i != index]
-    return _Training(shapes[index], truths[index], [shapes[i] for i in rest], [truths[i] for i in rest], share[rest])
+    return _Training(
+        index, shapes[index], truths[index], [shapes[i] for i in rest], [truths[i] for i in rest], share[rest]
+    )
 
 
 def _solve(learner: WeightedFunctionalMapLearner, shape: ProbedShape) -> FloatArray:
@@ -573,7 +623,9 @@ def _point_map(learner: WeightedFunctionalMapLearner, shape: ProbedShape, functi
 
 def _match(learner: WeightedFunctionalMapLearner, shape: ProbedShape) -> Match:
     C = _solve(learner, shape)
-    functions = learner._trusted_functions(learner._settings.matching, learner.n_stable_)
+    functions = _trusted_functions(
+        learner.stable_basis_, learner.stability_, learner._settings.matching, learner.n_stable_
+    )
     p2p, residuals = nearest_points(shape.spectral.evecs, learner.reference_.spectral.evecs, C, functions)
     expected_error, confidence = learner.error_model_.predict(residuals)
     reduced = C @ learner.stable_basis_[:, : learner.n_stable_]

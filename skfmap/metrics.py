@@ -96,20 +96,20 @@ class GeodesicDistances:
     def rows(self, sources: IntArray) -> Any:
         """Return distances from distinct sources to all vertices, float32 of shape (n_sources, n_vertices)."""
         with _LOCK:
-            places = self._computed(sources)
-            return self._rows[places]
+            missing = sources[self._row_of[sources] < 0]
+        # Not under the lock: on a cluster, a thread that waits for its blocks takes on other tasks, which may ask too.
+        computed = self._compute(missing) if len(missing) else self._rows[:0]
+        with _LOCK:
+            if (self._row_of[missing] < 0).any():
+                self._row_of[missing] = len(self._rows) + np.arange(len(missing))
+                self._rows = np.concatenate([self._rows, computed])
+            return self._rows[self._row_of[sources]]
 
-    def _computed(self, sources: IntArray) -> IntArray:
-        """Compute the rows that are missing, and return where those of ``sources`` stand."""
-        missing = sources[self._row_of[sources] < 0]
-        if len(missing):
-            compute = cached(_distance_block, self.memory)
-            blocks = np.array_split(missing, max(1, len(missing) // 500))
-            arguments = ((compute, self.mesh, self.mesh.content_hash, self.method, block) for block in blocks)
-            computed = map_shapes(_call, arguments, n_jobs=self.n_jobs, verbose=0)
-            self._row_of[missing] = len(self._rows) + np.arange(len(missing))
-            self._rows = np.concatenate([self._rows, *computed])
-        return self._row_of[sources]
+    def _compute(self, sources: IntArray) -> Any:
+        compute = cached(_distance_block, self.memory)
+        blocks = np.array_split(sources, max(1, len(sources) // 500))
+        arguments = ((compute, self.mesh, self.mesh.content_hash, self.method, block) for block in blocks)
+        return np.concatenate(map_shapes(_call, arguments, n_jobs=self.n_jobs, verbose=0))
 
 
 def _call(function: Callable[..., Any], *arguments: Any) -> Any:

@@ -1,6 +1,5 @@
 """Frozen data that flows through the pipeline: meshes, shapes in a basis, correspondences, matches."""
 
-import hashlib
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any, Self
@@ -8,6 +7,7 @@ from typing import Any, Self
 import numpy as np
 import scipy.sparse as sp
 
+from skfmap._caching import hash_of_arrays
 from skfmap._typing import FloatArray, IntArray, SparseMatrix
 from skfmap._validation import check_faces, check_pairs, check_vertices, label, read_only
 from skfmap.exceptions import CorrespondenceError
@@ -90,11 +90,7 @@ class Mesh:
     @cached_property
     def content_hash(self) -> str:
         """Hash of vertices and faces, not of the name: what caches are keyed by."""
-        digest = hashlib.sha256()
-        for array in (self.vertices, self.faces):
-            digest.update(repr(array.shape).encode())
-            digest.update(np.ascontiguousarray(array).tobytes())
-        return digest.hexdigest()
+        return hash_of_arrays(self.vertices, self.faces)
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from scipy.spatial import ConvexHull, cKDTree
 from scipy.spatial.transform import Rotation
+from sklearn.pipeline import Pipeline
 from threadpoolctl import threadpool_limits
 
 from skfmap import Correspondence, DescriptorTransformer, Mesh, SpectralBasis, WeightedFunctionalMapLearner
@@ -101,6 +102,28 @@ def probe():
 def make_learner():
     """Return a function that makes a learner that is fitted in a tenth of a second."""
     return lambda **parameters: WeightedFunctionalMapLearner(**{"n_functions": 12, "tol": 1e-3, **parameters})
+
+
+@pytest.fixture(scope="session")
+def make_model(make_learner):
+    """Return a function that makes an unfitted pipeline of small size."""
+
+    def make(memory=None, **parameters):
+        return Pipeline(
+            [
+                ("basis", SpectralBasis(30, memory=memory)),
+                ("probes", DescriptorTransformer(memory=memory)),
+                ("learner", make_learner(memory=memory, **parameters)),
+            ]
+        )
+
+    return make
+
+
+@pytest.fixture(scope="session")
+def model(collection, make_model):
+    """Return a pipeline fitted on all bodies but the last. Do not fit it again or set its parameters."""
+    return make_model().fit(collection.meshes[:5], collection.truths[:5])
 
 
 @pytest.fixture(scope="session")

@@ -422,7 +422,7 @@ def test_bad_parameters_of_families_are_refused(probed, parameters):
 
 
 def test_a_callable_regularizer_of_the_wrong_shape_is_refused(make_learner, probed, collection):
-    for wrong in (lambda a, b: np.ones(3), lambda a, b: np.full((len(a), len(b)), np.nan)):  # noqa: ARG005
+    for wrong in (lambda a, b: np.ones(3), lambda a, b: np.full((len(a), len(b)), np.nan)):
         with pytest.raises(ValueError, match="regularizer must return"):
             make_learner(regularizer=wrong).fit(probed, collection.truths)
 

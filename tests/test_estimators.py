@@ -1,8 +1,6 @@
 """The estimators as scikit-learn's citizens, and what they promise about matches."""
 
-import pickle
 from collections import Counter
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 
 import joblib
@@ -14,8 +12,8 @@ from scipy.spatial.distance import cdist
 from scipy.spatial.transform import Rotation
 from sklearn.base import clone
 from sklearn.exceptions import ConvergenceWarning, NotFittedError
-from sklearn.model_selection import GridSearchCV, LeaveOneOut, cross_val_score
-from sklearn.pipeline import Pipeline, make_pipeline
+from sklearn.model_selection import GridSearchCV
+from sklearn.pipeline import make_pipeline
 from sklearn.utils import estimator_html_repr
 from sklearn.utils.validation import check_is_fitted
 
@@ -24,10 +22,8 @@ import skfmap.basis
 import skfmap.descriptors
 from skfmap import DescriptorTransformer, Mesh, SpectralBasis, WeightedFunctionalMapLearner
 from skfmap.descriptors import HeatKernelSignature, ProbeFamily, WaveKernelSignature
-from skfmap.exceptions import VersionWarning
 from skfmap.functional.regularization import laplacian_mask
-from skfmap.metrics import geodesic_error, get_scorer, reference_distances
-from skfmap.model_selection import PinnedReference
+from skfmap.metrics import geodesic_error, reference_distances
 
 LEARNED = ("weights_", "stable_basis_", "stability_", "epsilon_", "loss_", "loss_curve_", "n_iter_")
 
@@ -35,31 +31,6 @@ LEARNED = ("weights_", "stable_basis_", "stability_", "epsilon_", "loss_", "loss
 def assert_same_learning(one, other):
     for attribute in LEARNED:
         assert_array_equal(getattr(one, attribute), getattr(other, attribute), err_msg=attribute)
-
-
-@pytest.fixture
-def make_model(make_learner):
-    """Return a function that makes an unfitted pipeline of small size."""
-
-    def make(memory=None, **parameters):
-        return Pipeline(
-            [
-                ("basis", SpectralBasis(30, memory=memory)),
-                ("probes", DescriptorTransformer(memory=memory)),
-                ("learner", make_learner(memory=memory, **parameters)),
-            ]
-        )
-
-    return make
-
-
-@pytest.fixture(scope="module")
-def model(collection):
-    """Return a fitted pipeline. Do not fit it again or set its parameters."""
-    learner = WeightedFunctionalMapLearner(n_functions=12, tol=1e-3)
-    return make_pipeline(SpectralBasis(30), DescriptorTransformer(), learner).fit(
-        collection.meshes[:5], collection.truths[:5]
-    )
 
 
 @pytest.fixture
@@ -264,26 +235,6 @@ def test_predict_is_the_maps_on_the_stable_functions(fitted, probed):
         np.testing.assert_allclose(match.reduced_map, reduced, atol=1e-14)
 
 
-@pytest.mark.parametrize("dump", ["pickle", "joblib"])
-def test_a_saved_model_predicts_bit_by_bit_the_same(model, collection, tmp_path, dump):
-    if dump == "pickle":
-        again = pickle.loads(pickle.dumps(model))
-    else:
-        joblib.dump(model, tmp_path / "model.joblib")
-        again = joblib.load(tmp_path / "model.joblib")
-    assert_array_equal(again.predict(collection.meshes[4:]), model.predict(collection.meshes[4:]))
-    for one, other in zip(*(skfmap.match(m, collection.meshes[4:]) for m in (again, model)), strict=True):
-        assert_array_equal(one.p2p, other.p2p)
-        assert_array_equal(one.expected_error, other.expected_error)
-
-
-def test_a_saved_model_holds_one_mesh(fitted, collection):
-    saved = pickle.dumps(fitted)
-    for mesh in collection.meshes[1:]:
-        assert mesh.vertices.tobytes() not in saved
-    assert fitted.reference_.spectral.mesh.vertices.tobytes() in saved
-
-
 def test_the_number_of_jobs_changes_no_bit(make_model, collection):
     X, y = collection.meshes[:3], collection.truths[:3]
     serial = make_model().fit(X, y)
@@ -332,187 +283,6 @@ def test_tags_say_that_samples_are_no_rows():
     for estimator in (SpectralBasis(), DescriptorTransformer(), WeightedFunctionalMapLearner(), HeatKernelSignature()):
         assert not estimator.__sklearn_tags__().input_tags.two_d_array
     assert WeightedFunctionalMapLearner().__sklearn_tags__().target_tags.required
-
-
-# Searches
-
-
-def test_cross_validation_with_one_reference(make_learner, fitted, probed, collection):
-    cv = PinnedReference(LeaveOneOut())
-    scores = cross_val_score(make_learner(), probed, collection.truths, cv=cv, error_score="raise")
-    assert scores.shape == (5,)
-    assert (scores < 0).all()
-    assert (scores > -0.1).all()
-    assert scores[-1] == fitted.score(probed[5:], collection.truths[5:])
-
-
-def test_plain_cross_validation_works_too(make_learner, probed, collection):
-    scores = cross_val_score(make_learner(), probed, collection.truths, cv=3, error_score="raise")
-    assert (scores > -0.15).all()
-
-
-@pytest.mark.parametrize(
-    "grid",
-    [
-        {"learner__epsilon": ["auto", 1e-3, 1.0]},
-        {"learner__weighting": [None, "category"], "learner__matching": ["cut"]},
-        {"probes__hks__n_functions": [2, 5], "probes__families": ["paper"]},
-        {"probes__families": [None, "paper", [("hks", HeatKernelSignature(20)), ("wks", WaveKernelSignature(20))]]},
-        {"basis__n_components": [20, 30], "basis__laplacian": ["cotangent", "robust"]},
-    ],
-    ids="+".join,
-)
-def test_grid_search(make_model, collection, grid, tmp_path):
-    X, y = collection.meshes[:4], collection.truths[:4]
-    search = GridSearchCV(make_model(memory=str(tmp_path)), grid, cv=PinnedReference(2), error_score="raise")
-    search.fit(X, y)
-    assert np.isfinite(search.cv_results_["mean_test_score"]).all()
-    best = clone(search.estimator).set_params(**clone(search.best_params_, safe=False)).fit(X, y)
-    assert_array_equal(search.predict(collection.meshes[:1]), best.predict(collection.meshes[:1]))
-
-
-def test_scorers_in_a_search(make_learner, symmetric_probed, symmetric_collection):
-    scoring = {kind: get_scorer(f"neg_{kind}geodesic_error") for kind in ("", "consistent_", "per_vertex_")}
-    search = GridSearchCV(
-        make_learner(),
-        {"weighting": [None]},
-        cv=PinnedReference(LeaveOneOut()),
-        scoring=scoring,
-        refit="consistent_",
-        error_score="raise",
-    ).fit(symmetric_probed, symmetric_collection.truths)
-    direct, consistent, per_vertex = (search.cv_results_[f"mean_test_{kind}"][0] for kind in scoring)
-    assert direct <= consistent <= per_vertex < 0
-
-
-def test_match_takes_learners_pipelines_and_searches(model, collection, probed):
-    search = GridSearchCV(clone(model), {"weightedfunctionalmaplearner__epsilon": ["auto"]}, cv=[([0, 1], [2])])
-    search.fit(collection.meshes[:5], collection.truths[:5])
-    inner = GridSearchCV(clone(model[-1]), {"epsilon": ["auto"]}, cv=[([0, 1], [2])])
-    inner.fit(probed[:5], collection.truths[:5])
-    expected = model[-1].match(probed[5:])[0]
-    given = [
-        (model[-1], probed[5:]),
-        (Pipeline([("learner", model[-1])]), probed[5:]),
-        (model, collection.meshes[5:]),
-        (search, collection.meshes[5:]),
-        (inner, probed[5:]),
-    ]
-    for form, X in given:
-        (match,) = skfmap.match(form, X)
-        assert_array_equal(match.p2p, expected.p2p)
-        assert match.name == "body5"
-        assert match.reference_name == "body0"
-        assert_array_equal(skfmap.functional_maps(form, X)[0], expected.functional_map)
-
-
-def test_match_refuses_other_models(probed):
-    for other in (SpectralBasis(), make_pipeline(SpectralBasis()), None, "model"):
-        with pytest.raises(TypeError, match="WeightedFunctionalMapLearner"):
-            skfmap.match(other, probed)
-
-
-def test_sample_weights_are_routed(make_learner, probed, collection):
-    share, cv = np.array([1.0, 1, 1, 5, 1, 1]), PinnedReference(2)
-    with sklearn.config_context(enable_metadata_routing=True):
-        learner = make_learner(weighting=None).set_fit_request(sample_weight=True).set_score_request(sample_weight=True)
-        search = GridSearchCV(learner, {"epsilon": ["auto"]}, cv=cv, error_score="raise")
-        search.fit(probed, collection.truths, sample_weight=share)
-    (train, test), _ = cv.split(probed)
-    part = make_learner(weighting=None)
-    part.fit([probed[i] for i in train], [collection.truths[i] for i in train], sample_weight=share[train])
-    by_hand = part.score([probed[i] for i in test], [collection.truths[i] for i in test], sample_weight=share[test])
-    assert search.cv_results_["split0_test_score"][0] == by_hand
-
-
-# Caches
-
-
-@pytest.fixture
-def calls(monkeypatch):
-    """Count how often a basis and the heat kernel signatures are computed."""
-    counts = Counter()
-
-    def count(module, name):
-        original = getattr(module, name)
-
-        def counted(*arguments, **keywords):
-            counts[name] += 1
-            return original(*arguments, **keywords)
-
-        monkeypatch.setattr(module, name, counted)
-
-    count(skfmap.basis, "laplacian_eigenbasis")
-    count(skfmap.descriptors, "heat_kernel_signature")
-    return counts
-
-
-def test_a_cache_gives_the_same_and_computes_once(tmp_path, calls, collection):
-    meshes = collection.meshes[:2]
-    plain = DescriptorTransformer("paper").transform(SpectralBasis(15).transform(meshes))
-    calls.clear()
-    for memory in (str(tmp_path), joblib.Memory(str(tmp_path), verbose=0)):
-        basis, descriptors = SpectralBasis(15, memory=memory), DescriptorTransformer("paper", memory=memory)
-        for X in (meshes, meshes[::-1], [Mesh(meshes[0].vertices, meshes[0].faces, name="renamed")]):
-            probed = descriptors.transform(basis.transform(X))
-            assert_array_equal(probed[-1].probes, plain[0 if X is not meshes else 1].probes)
-        assert probed[0].name == "renamed"
-    assert calls == {"laplacian_eigenbasis": 2, "heat_kernel_signature": 2}
-
-
-def test_a_cache_tells_parameters_apart(tmp_path, calls, collection):
-    mesh = collection.meshes[:1]
-
-    def run(n_components=15, laplacian="cotangent", **parameters):
-        basis = SpectralBasis(n_components, laplacian=laplacian, memory=str(tmp_path))
-        descriptors = DescriptorTransformer("paper", memory=str(tmp_path)).set_params(**parameters)
-        plain = (
-            clone(descriptors).set_params(memory=None).transform(clone(basis).set_params(memory=None).transform(mesh))
-        )
-        calls.clear()
-        (probed,) = descriptors.transform(basis.transform(mesh))
-        assert_array_equal(probed.probes, plain[0].probes)
-        assert_array_equal(probed.spectral.evecs, plain[0].spectral.evecs)
-        return calls["laplacian_eigenbasis"], calls["heat_kernel_signature"]
-
-    assert run() == (1, 1)
-    assert run() == (0, 0)
-    assert run(n_components=16) == (0, 1)  # a part of the basis that is kept
-    assert run(n_components=200) == (1, 1)
-    assert run(laplacian="robust") == (1, 1)
-    assert run(hks__t_min=0.02) == (0, 1)
-    assert run(wks_wide__sigma=0.7) == (0, 1)
-    assert run() == (0, 0)
-
-
-def test_a_cache_is_not_confused_by_two_meshes_of_one_name(tmp_path, collection):
-    first, second = (Mesh(m.vertices, m.faces, name="cat") for m in collection.meshes[:2])
-    cached, plain = (
-        DescriptorTransformer("paper", memory=memory).transform(
-            SpectralBasis(15, memory=memory).transform([first, second])
-        )
-        for memory in (str(tmp_path), None)
-    )
-    for one, other in zip(cached, plain, strict=True):
-        assert_array_equal(one.probes, other.probes)
-        assert_array_equal(one.spectral.evals, other.spectral.evals)
-
-
-def test_a_search_computes_each_basis_once(tmp_path, calls, make_model, collection):
-    grid = {"learner__weighting": [None, "category"]}
-    search = GridSearchCV(make_model(memory=str(tmp_path)), grid, cv=PinnedReference(2), error_score="raise")
-    search.fit(collection.meshes[:4], collection.truths[:4])
-    assert calls == {"laplacian_eigenbasis": 4, "heat_kernel_signature": 4}
-
-
-def test_the_memory_of_a_pipeline_works_too(tmp_path, calls, make_learner, collection):
-    model = make_pipeline(SpectralBasis(20), DescriptorTransformer("paper"), make_learner(), memory=str(tmp_path))
-    fresh = [Mesh(mesh.vertices, mesh.faces, mesh.name) for mesh in collection.meshes[:3]]
-    first = model.fit(fresh, collection.truths[:3]).predict(collection.meshes[5:])
-    calls.clear()
-    second = model.fit(fresh, collection.truths[:3])
-    assert not calls
-    assert_array_equal(second.predict(collection.meshes[5:]), first)
 
 
 # What the learner's parameters do
@@ -747,23 +517,3 @@ def test_expected_errors_and_confidence_are_in_range_and_ordered(fitted, probed)
 def test_expected_errors_are_near_what_happens(fitted, probed, collection):
     expected = np.mean([match.expected_error.mean() for match in fitted.match(probed[5:])])
     assert 0.3 < expected / -fitted.score(probed[5:], collection.truths[5:]) < 3
-
-
-def test_a_model_of_another_version_says_so(fitted, monkeypatch):
-    saved = pickle.dumps(fitted)
-    assert pickle.loads(saved).get_params() == fitted.get_params()
-    monkeypatch.setattr("skfmap._version.__version__", "99.0")
-    with pytest.warns(VersionWarning, match=r"saved by skfmap .* loaded by 99\.0"):
-        pickle.loads(saved)
-
-
-def test_who_asks_for_one_basis_at_once_shares_one_computation(tmp_path, collection, monkeypatch):
-    computed = []
-    original = skfmap.basis.laplacian_eigenbasis
-    monkeypatch.setattr(skfmap.basis, "laplacian_eigenbasis", lambda *a: computed.append(a) or original(*a))
-    ask = lambda _: SpectralBasis(20, memory=tmp_path).transform(collection.meshes[:2])
-    with ThreadPoolExecutor(4) as pool:
-        results = list(pool.map(ask, range(4)))
-    assert len(computed) == 2
-    for shapes in results[1:]:
-        assert_array_equal(shapes[0].evecs, results[0][0].evecs)

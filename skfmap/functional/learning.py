@@ -1,6 +1,6 @@
 """The paper's pipeline (figure 2, top) on arrays: from probe functions and known maps to weights and stable basis."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Hashable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -13,7 +13,7 @@ from skfmap.functional.objective import LearningProblem
 from skfmap.functional.optimize import Optimum, optimize_weights
 from skfmap.functional.regularization import REGULARIZERS, Regularizer, penalty_of
 from skfmap.functional.stable_basis import stable_basis
-from skfmap.functional.weighting import WEIGHTINGS, weight_groups
+from skfmap.functional.weighting import check_weighting, weight_groups
 
 __all__ = ["LearnedMaps", "learn_functional_maps"]
 
@@ -53,7 +53,7 @@ def learn_functional_maps(
     evals: FloatArray,
     maps: FloatArray,
     *,
-    weighting: str | None = "function",
+    weighting: str | Sequence[Hashable] | None = "function",
     categories: Sequence[str] | None = None,
     epsilon: float | str = "auto",
     alpha: float = 1e-2,
@@ -62,7 +62,7 @@ def learn_functional_maps(
     sample_weight: FloatArray | None = None,
     max_iter: int = 1000,
     tol: float = 1e-5,
-    callback: Callable[[int, float], None] | None = None,
+    callback: Callable[[int, float, Callable[[], "LearnedMaps"]], object] | None = None,
 ) -> LearnedMaps:
     """Learn weights D and stable basis Y from known functional maps; no points are needed.
 
@@ -77,8 +77,8 @@ def learn_functional_maps(
     maps : ndarray of shape (N, k, k)
         Known functional maps C_i, from functions on S_0 to functions on S_i. The first column is taken to be e_0:
         constants map to constants.
-    weighting : {"function", "category", "unique"} or None
-        Which probes share a weight; None keeps D = I.
+    weighting : {"function", "category", "unique"}, sequence of labels or None
+        Which probes share a weight: those of one label, if there is a label for each. None keeps D = I.
     categories : sequence of str, optional
         Category of each probe; needed for ``weighting="category"``.
     epsilon : float or "auto"
@@ -94,7 +94,8 @@ def learn_functional_maps(
     max_iter, tol : int, float
         Of the optimiser.
     callback : callable, optional
-        Called with iteration and loss.
+        Called after each iteration with its number, the loss, and a function that returns the LearnedMaps so far; stops
+        the search if it returns True.
 
     Returns
     -------
@@ -134,12 +135,22 @@ def learn_functional_maps(
     # Maps that the probes reproduce exactly would make the automatic norm degenerate.
     size = max(epsilon_by_rule(start[share > 0]), 1e-12) if isinstance(epsilon, str) else float(epsilon)
     groups = weight_groups(weighting, labels)
-    optimum = optimize_weights(problem, groups, size, max_iter=max_iter, tol=tol, callback=callback)
+
+    def tell_callback(iteration: int, loss: float, weights: FloatArray) -> object:
+        so_far = Optimum(weights, [loss], iteration, iteration, np.nan, False, False, "under way")
+        return callback is not None and callback(iteration, loss, lambda: _conclude(problem, so_far, size))
+
+    optimum = optimize_weights(problem, groups, size, max_iter=max_iter, tol=tol, callback=tell_callback)
+    return _conclude(problem, optimum, size)
+
+
+def _conclude(problem: LearningProblem, optimum: Optimum, epsilon: float) -> LearnedMaps:
+    """Return what follows from the weights: the maps, and the stable basis of section 4.1."""
     learned = problem.solve(optimum.weights)
-    differences = learned - maps
+    differences = learned - problem.maps
     differences[:, :, 0] = 0.0  # constants map to constants
-    Y, stability = stable_basis(differences, share)
-    return LearnedMaps(optimum.weights, Y, stability, size, learned, optimum)
+    Y, stability = stable_basis(differences, problem.sample_weight)
+    return LearnedMaps(optimum.weights, Y, stability, epsilon, learned, optimum)
 
 
 def _check_arrays(
@@ -162,11 +173,10 @@ def _check_arrays(
 
 
 def _check_choices(
-    weighting: str | None, categories: Sequence[str] | None, labels: Sequence[str], n_probes: int
+    weighting: str | Sequence[Hashable] | None, categories: Sequence[str] | None, labels: Sequence[str], n_probes: int
 ) -> None:
-    if weighting not in WEIGHTINGS:
-        raise ValueError(f"weighting must be one of {WEIGHTINGS}; got {weighting!r}.")
-    if weighting == "category" and categories is None:
+    check_weighting(weighting, n_probes)
+    if isinstance(weighting, str) and weighting == "category" and categories is None:
         raise ValueError('weighting="category" needs the category of each probe in `categories`.')
     if len(labels) != n_probes:
         raise ValueError(f"categories must name all {n_probes} probes; got {len(labels)}.")

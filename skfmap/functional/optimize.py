@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from scipy.optimize import minimize
@@ -13,6 +14,9 @@ __all__ = ["LOG_WEIGHT_BOUND", "Optimum", "optimize_weights"]
 
 LOG_WEIGHT_BOUND = 7.0
 """Weights stay between exp(-7) and exp(7): beyond, a probe is off or alone, and the systems lose definiteness."""
+
+# What scipy calls a search that its callback ended.
+_STOPPED = 99
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,6 +35,8 @@ class Optimum:
         Largest projected derivative of the loss per shape and function with respect to a log-weight.
     converged : bool
         Whether the gradient fell below the tolerance (ten times it, if rounding keeps any step from lowering the loss).
+    stopped : bool
+        Whether the callback asked to stop.
     message : str
         The optimiser's own word.
     """
@@ -41,6 +47,7 @@ class Optimum:
     n_evaluations: int
     gradient_norm: float
     converged: bool
+    stopped: bool
     message: str
 
 
@@ -51,7 +58,7 @@ def optimize_weights(
     *,
     max_iter: int,
     tol: float,
-    callback: Callable[[int, float], None] | None = None,
+    callback: Callable[[int, float, FloatArray], object] | None = None,
 ) -> Optimum:
     """Minimise the loss over one log-weight per group, starting from weights 1.
 
@@ -69,7 +76,7 @@ def optimize_weights(
         The search has converged when no log-weight changes the loss, divided by the number of singular values in it,
         by more than this.
     callback : callable, optional
-        Called with the iteration and the loss after each iteration.
+        Called with the iteration, the loss and the weights after each iteration; stops the search if it returns True.
 
     Returns
     -------
@@ -79,7 +86,7 @@ def optimize_weights(
     n_groups = int(groups.max()) + 1
     if n_groups == 0:
         weights = np.ones(len(groups))
-        return Optimum(weights, [problem.loss(weights, epsilon)], 0, 1, 0.0, True, "nothing to learn")
+        return Optimum(weights, [problem.loss(weights, epsilon)], 0, 1, 0.0, True, False, "nothing to learn")
     scale = problem.sample_weight.sum() * (problem.maps.shape[2] - 1)
 
     def scaled_loss_gradient(log_weights: FloatArray) -> tuple[float, FloatArray]:
@@ -90,10 +97,10 @@ def optimize_weights(
 
     curve: list[float] = []
 
-    def record(intermediate_result: object) -> None:
-        curve.append(float(intermediate_result.fun) * scale)  # type: ignore[attr-defined]
-        if callback is not None:
-            callback(len(curve) - 1, curve[-1])
+    def record(intermediate_result: Any) -> None:
+        curve.append(float(intermediate_result.fun) * scale)
+        if callback is not None and callback(len(curve) - 1, curve[-1], np.exp(intermediate_result.x)[groups]) is True:
+            raise StopIteration
 
     start = np.zeros(n_groups)
     curve.append(scaled_loss_gradient(start)[0] * scale)
@@ -116,6 +123,7 @@ def optimize_weights(
         int(result.nfev) + 1,
         gradient_norm,
         gradient_norm <= (tol if result.success else 10 * tol),
+        result.status == _STOPPED,
         str(result.message),
     )
 

@@ -1,23 +1,24 @@
 """The weighting strategies of section 5.2: which probes share a weight."""
 
-from collections.abc import Sequence
+from collections.abc import Hashable, Sequence
 
 import numpy as np
 
 from skfmap._typing import IntArray
 
-__all__ = ["WEIGHTINGS", "weight_groups"]
+__all__ = ["WEIGHTINGS", "check_weighting", "weight_groups"]
 
 WEIGHTINGS = (None, "unique", "category", "function")
 
 
-def weight_groups(weighting: str | None, categories: Sequence[str]) -> IntArray:
+def weight_groups(weighting: str | Sequence[Hashable] | None, categories: Sequence[str]) -> IntArray:
     """Return the number of the free weight that each probe uses, shape (n_probes,).
 
     Parameters
     ----------
-    weighting : {"unique", "category", "function"} or None
-        One weight for all, one per category, one per probe function, or none to learn (D = I).
+    weighting : {"unique", "category", "function"}, sequence of labels or None
+        One weight for all, one per category, one per probe function, one for all probes of a label, or none to learn
+        (D = I).
     categories : sequence of str
         Category of each probe.
 
@@ -31,13 +32,32 @@ def weight_groups(weighting: str | None, categories: Sequence[str]) -> IntArray:
     >>> from skfmap.functional import weight_groups
     >>> weight_groups("category", ["hks", "hks", "wks"]).tolist()
     [0, 0, 1]
+    >>> weight_groups(["coarse", "fine", "coarse"], ["hks", "hks", "wks"]).tolist()
+    [0, 1, 0]
     """
     n_probes = len(categories)
     if weighting is None:
         return np.full(n_probes, -1)
+    if not isinstance(weighting, str):
+        return _numbered(weighting)
     if weighting == "unique":
         return np.zeros(n_probes, dtype=np.int64)
     if weighting == "function":
         return np.arange(n_probes)
-    first_seen = list(dict.fromkeys(categories))
-    return np.array([first_seen.index(category) for category in categories], dtype=np.int64)
+    return _numbered(categories)
+
+
+def check_weighting(weighting: object, n_probes: int) -> None:
+    """Raise unless `weight_groups` can use it for so many probes."""
+    if weighting is None or (isinstance(weighting, str) and weighting in WEIGHTINGS):
+        return
+    if isinstance(weighting, str) or not hasattr(weighting, "__len__"):
+        raise ValueError(f"weighting must be one of {WEIGHTINGS}, or one label for each probe; got {weighting!r}.")
+    if len(weighting) != n_probes:
+        raise ValueError(f"weighting must be a label for each of the {n_probes} probes; got {len(weighting)} labels.")
+
+
+def _numbered(labels: Sequence[Hashable]) -> IntArray:
+    """Return labels as numbers, in the order in which they first occur."""
+    number = {label: i for i, label in enumerate(dict.fromkeys(labels))}
+    return np.array([number[label] for label in labels], dtype=np.int64)

@@ -1,0 +1,212 @@
+"""What is kept on disk: nothing computed twice, nothing confused, nothing lost to an interruption."""
+
+import subprocess
+import sys
+import textwrap
+from collections import Counter
+from concurrent.futures import ThreadPoolExecutor
+
+import joblib
+import numpy as np
+import pytest
+from numpy.testing import assert_array_equal
+from sklearn.base import clone
+from sklearn.model_selection import GridSearchCV, LeaveOneOut
+from sklearn.pipeline import make_pipeline
+
+import skfmap.basis
+import skfmap.descriptors
+import skfmap.ground_truth
+from skfmap import DescriptorTransformer, Mesh, SpectralBasis
+from skfmap.io import write_mesh
+from skfmap.model_selection import PinnedReference
+
+
+@pytest.fixture
+def calls(monkeypatch):
+    """Count how often a basis and the heat kernel signatures are computed."""
+    counts = Counter()
+
+    def count(module, name):
+        original = getattr(module, name)
+
+        def counted(*arguments, **keywords):
+            counts[name] += 1
+            return original(*arguments, **keywords)
+
+        monkeypatch.setattr(module, name, counted)
+
+    count(skfmap.basis, "laplacian_eigenbasis")
+    count(skfmap.descriptors, "heat_kernel_signature")
+    return counts
+
+
+def test_a_cache_gives_the_same_and_computes_once(tmp_path, calls, collection):
+    meshes = collection.meshes[:2]
+    plain = DescriptorTransformer("paper").transform(SpectralBasis(15).transform(meshes))
+    calls.clear()
+    for memory in (str(tmp_path), joblib.Memory(str(tmp_path), verbose=0)):
+        basis, descriptors = SpectralBasis(15, memory=memory), DescriptorTransformer("paper", memory=memory)
+        for X in (meshes, meshes[::-1], [Mesh(meshes[0].vertices, meshes[0].faces, name="renamed")]):
+            probed = descriptors.transform(basis.transform(X))
+            assert_array_equal(probed[-1].probes, plain[0 if X is not meshes else 1].probes)
+        assert probed[0].name == "renamed"
+    assert calls == {"laplacian_eigenbasis": 2, "heat_kernel_signature": 2}
+
+
+def test_a_cache_tells_parameters_apart(tmp_path, calls, collection):
+    mesh = collection.meshes[:1]
+
+    def run(n_components=15, laplacian="cotangent", **parameters):
+        basis = SpectralBasis(n_components, laplacian=laplacian, memory=str(tmp_path))
+        descriptors = DescriptorTransformer("paper", memory=str(tmp_path)).set_params(**parameters)
+        plain = (
+            clone(descriptors).set_params(memory=None).transform(clone(basis).set_params(memory=None).transform(mesh))
+        )
+        calls.clear()
+        (probed,) = descriptors.transform(basis.transform(mesh))
+        assert_array_equal(probed.probes, plain[0].probes)
+        assert_array_equal(probed.spectral.evecs, plain[0].spectral.evecs)
+        return calls["laplacian_eigenbasis"], calls["heat_kernel_signature"]
+
+    assert run() == (1, 1)
+    assert run() == (0, 0)
+    assert run(n_components=16) == (0, 1)  # a part of the basis that is kept
+    assert run(n_components=200) == (1, 1)
+    assert run(laplacian="robust") == (1, 1)
+    assert run(hks__t_min=0.02) == (0, 1)
+    assert run(wks_wide__sigma=0.7) == (0, 1)
+    assert run() == (0, 0)
+
+
+def test_a_cache_is_not_confused_by_two_meshes_of_one_name(tmp_path, collection):
+    first, second = (Mesh(m.vertices, m.faces, name="cat") for m in collection.meshes[:2])
+    cached, plain = (
+        DescriptorTransformer("paper", memory=memory).transform(
+            SpectralBasis(15, memory=memory).transform([first, second])
+        )
+        for memory in (str(tmp_path), None)
+    )
+    for one, other in zip(cached, plain, strict=True):
+        assert_array_equal(one.probes, other.probes)
+        assert_array_equal(one.spectral.evals, other.spectral.evals)
+
+
+def test_a_search_computes_each_basis_once(tmp_path, calls, make_model, collection):
+    grid = {"learner__weighting": [None, "category"]}
+    search = GridSearchCV(make_model(memory=str(tmp_path)), grid, cv=PinnedReference(2), error_score="raise")
+    search.fit(collection.meshes[:4], collection.truths[:4])
+    assert calls == {"laplacian_eigenbasis": 4, "heat_kernel_signature": 4}
+
+
+def test_the_memory_of_a_pipeline_works_too(tmp_path, calls, make_learner, collection):
+    model = make_pipeline(SpectralBasis(20), DescriptorTransformer("paper"), make_learner(), memory=str(tmp_path))
+    fresh = [Mesh(mesh.vertices, mesh.faces, mesh.name) for mesh in collection.meshes[:3]]
+    first = model.fit(fresh, collection.truths[:3]).predict(collection.meshes[5:])
+    calls.clear()
+    second = model.fit(fresh, collection.truths[:3])
+    assert not calls
+    assert_array_equal(second.predict(collection.meshes[5:]), first)
+
+
+def test_who_asks_for_one_basis_at_once_shares_one_computation(tmp_path, collection, monkeypatch):
+    computed = []
+    original = skfmap.basis.laplacian_eigenbasis
+    monkeypatch.setattr(skfmap.basis, "laplacian_eigenbasis", lambda *a: computed.append(a) or original(*a))
+    ask = lambda _: SpectralBasis(20, memory=tmp_path).transform(collection.meshes[:2])
+    with ThreadPoolExecutor(4) as pool:
+        results = list(pool.map(ask, range(4)))
+    assert len(computed) == 2
+    for shapes in results[1:]:
+        assert_array_equal(shapes[0].evecs, results[0][0].evecs)
+
+
+def test_ground_truth_is_fitted_once_for_all_grid_points_and_folds(
+    tmp_path, make_learner, probed, collection, monkeypatch
+):
+    fitted_pairs = Counter()
+    original = skfmap.ground_truth.map_from_pairs
+    monkeypatch.setattr(skfmap.ground_truth, "map_from_pairs", lambda *a: fitted_pairs.update(["map"]) or original(*a))
+    grid = {"weighting": [None, "unique"], "alpha": [1e-3, 1e-2]}
+    cv = PinnedReference(LeaveOneOut())
+    search = GridSearchCV(make_learner(memory=str(tmp_path)), grid, cv=cv, error_score="raise", refit=False)
+    search.fit(probed, collection.truths)
+    assert fitted_pairs["map"] == 5
+    plain = GridSearchCV(make_learner(), grid, cv=cv, error_score="raise", refit=False).fit(probed, collection.truths)
+    assert_array_equal(search.cv_results_["mean_test_score"], plain.cv_results_["mean_test_score"])
+    assert fitted_pairs["map"] == 5 + 5 * 4 * 4
+
+
+def test_ground_truth_in_a_cache_is_told_apart_by_pairs_and_size(tmp_path, make_learner, probed, collection):
+    fewer = [truth.restrict(np.arange(200)) for truth in collection.truths]
+    for truths, k in ((collection.truths, 12), (fewer, 12), (collection.truths, 10)):
+        cached, plain = (
+            make_learner(weighting=None, n_functions=k, memory=memory).fit(probed[:4], truths[:4])
+            for memory in (str(tmp_path), None)
+        )
+        assert_array_equal(cached.stable_basis_, plain.stable_basis_)
+        assert_array_equal(cached.error_model_.confidence, plain.error_model_.confidence)
+
+
+def test_a_file_that_changes_is_read_again(tmp_path, collection):
+    path, basis = tmp_path / "body.off", SpectralBasis(15, memory=str(tmp_path / "cache"))
+    evals = []
+    for mesh in collection.meshes[:2]:
+        write_mesh(mesh, path)
+        evals.append(basis.transform([path])[0].evals)
+    assert not np.array_equal(*evals)
+
+
+_SEARCH = """
+    import sys
+    import joblib
+    from sklearn.model_selection import GridSearchCV
+    from sklearn.pipeline import make_pipeline
+    import skfmap
+    from skfmap.datasets import make_creatures
+    from skfmap.model_selection import PinnedReference
+
+    if __name__ == "__main__":
+        n_jobs, location = int(sys.argv[1]), sys.argv[2]
+        creatures = make_creatures(n_shapes=5, n_vertices=500)
+        memory = joblib.Memory(location, verbose=1)  # tells each call that is not in the cache
+        learner = skfmap.WeightedFunctionalMapLearner(n_functions=10, weighting=None, memory=location)
+        model = make_pipeline(
+            skfmap.SpectralBasis(30, memory=memory),
+            skfmap.DescriptorTransformer("paper", memory=memory),
+            learner,
+        )
+        grid = {"weightedfunctionalmaplearner__alpha": [1e-3, 1e-2], "spectralbasis__n_components": [20, 30]}
+        search = GridSearchCV(model, grid, cv=PinnedReference(2), n_jobs=n_jobs, error_score="raise")
+        search.fit(creatures.meshes, creatures.correspondences)
+        print("best", search.best_params_, search.best_score_.hex())
+"""
+
+
+@pytest.mark.parametrize("n_jobs", [1, 4])
+def test_a_search_from_a_cold_cache_computes_each_basis_once_in_any_number_of_processes(tmp_path, n_jobs):
+    script = tmp_path / "search.py"
+    script.write_text(textwrap.dedent(_SEARCH))
+    command = [sys.executable, str(script), str(n_jobs), str(tmp_path / "cache")]
+    told = subprocess.run(command, capture_output=True, text=True, check=True, timeout=300).stdout
+    assert told.count("Calling skfmap.basis._eigenbasis") == 5
+    assert told.count("Calling skfmap.descriptors._stacked") == 5 * 2  # two numbers of components
+
+
+def test_an_interruption_keeps_what_is_finished(tmp_path, collection, monkeypatch):
+    computed, original = [], skfmap.basis.laplacian_eigenbasis
+
+    def interrupted_at_the_third(*arguments):
+        computed.append(1)
+        if len(computed) == 3:
+            raise KeyboardInterrupt
+        return original(*arguments)
+
+    monkeypatch.setattr(skfmap.basis, "laplacian_eigenbasis", interrupted_at_the_third)
+    basis = SpectralBasis(20, memory=str(tmp_path))
+    with pytest.raises(KeyboardInterrupt):
+        basis.transform(collection.meshes)
+    shapes = basis.transform(collection.meshes)
+    assert len(computed) == 2 + 1 + 4  # two finished, one interrupted, four after it
+    for shape, plain in zip(shapes, SpectralBasis(20).transform(collection.meshes), strict=True):
+        assert_array_equal(shape.evecs, plain.evecs)
