@@ -83,7 +83,7 @@ def main():
     if options.creatures or not DATA.exists():
         data = make_creatures(n_shapes=11, n_vertices=2000)
     else:
-        data = load_collection(DATA / "tosca", "cat*", reference="cat0")
+        data = load_collection(DATA / "tosca_isometric", "cat*", reference="cat0")
     X, y = data.meshes, data.correspondences
     with tempfile.TemporaryDirectory() as location:
         counts, begun = {}, time.perf_counter()
