@@ -59,6 +59,7 @@ _LEARNER = {
     "check_sample_weights_list": "twin: test_weight_0_leaves_a_shape_out",
     "check_sample_weights_not_an_array": "twin: test_weight_0_leaves_a_shape_out",
     "check_sample_weights_not_overwritten": "twin: test_fit_returns_self_and_changes_neither_parameters_nor_input",
+    "check_sample_weights_pandas_series": "twin: test_weight_0_leaves_a_shape_out",
     "check_sample_weights_shape": "twin: test_bad_sample_weights_are_refused",
 }
 
