@@ -1,23 +1,42 @@
-"""How far a vertex is off, as the training shapes showed it."""
+"""How far a vertex is off: what matches of training shapes look like where they are good, and where they are not."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
+import scipy.sparse as sp
 from sklearn.isotonic import IsotonicRegression
+from sklearn.linear_model import GammaRegressor
 
 from skfmap._caching import cached, hash_of_arrays
-from skfmap._matching import nearest_points
-from skfmap._parallel import map_shapes
+from skfmap._matching import Matcher, PointMatch
 from skfmap._typing import FloatArray, IntArray
-from skfmap.geometry.geodesics import farthest_vertices, heat_distances
-from skfmap.shapes import JoinedPairs, Mesh, ProbedShape
+from skfmap.functional.residuals import trusted_functions
+from skfmap.geometry.geodesics import edge_graph, farthest_vertices, heat_distances
+from skfmap.shapes import JoinedPairs, Mesh, ProbedShape, SpectralShape
 
-__all__ = ["TOLERANCE", "ErrorModel", "calibrate", "fit_error_model"]
+__all__ = [
+    "TOLERANCE",
+    "ErrorModel",
+    "Observation",
+    "Watch",
+    "count_supporting",
+    "fit_error_model",
+    "observe",
+    "vertex_signs",
+    "watch_reference",
+]
 
 # Vertices of the reference that errors are observed at.
-_N_OBSERVED = 200
+_N_WATCHED = 200
+# Width, in sqrt(area), over which errors at neighbouring vertices of the reference are averaged.
+_WIDTH = 0.05
+# Rounds of averaging over neighbours on the shape.
+_ROUNDS = 5
+_TINY = 1e-4
+# Root mean square difference, in spreads of the training shapes, up to which stable functions support a match.
+_SUPPORTED = 2.0
 
 TOLERANCE = 0.1
 """Error, in units of sqrt(area), up to which a vertex counts as matched in `Match.confidence`."""
@@ -25,119 +44,196 @@ TOLERANCE = 0.1
 
 @dataclass(frozen=True, eq=False)
 class ErrorModel:
-    """Expected error and confidence as monotone functions of the distance between matched embeddings.
+    """Expected error and confidence from the signs that a match gives of itself.
+
+    A Gamma regression with a logarithmic link on the standardised logarithms of the signs ranks the vertices; isotonic
+    regressions turn the rank into an error and into a share of hits.
 
     Attributes
     ----------
-    residuals : ndarray of shape (n,)
-        Knots: distance of a vertex of S_i from its match among the stable functions, ascending.
+    mean, scale, coefficients : ndarray of shape (n_signs,)
+        Of the regression.
+    knots : ndarray of shape (n,)
+        Ascending values of the regression.
     expected_error : ndarray of shape (n,)
         Mean geodesic error there, in units of sqrt(area); not decreasing.
     confidence : ndarray of shape (n,)
         Share of errors below `TOLERANCE` there; not increasing.
+    reference_errors : ndarray of shape (n_vertices_0,)
+        Mean error of training shapes around each vertex of the reference.
+    cross_validated : bool
+        Whether errors are those of shapes that were left out of the learning.
     """
 
-    residuals: FloatArray
+    mean: FloatArray
+    scale: FloatArray
+    coefficients: FloatArray
+    knots: FloatArray
     expected_error: FloatArray
     confidence: FloatArray
+    reference_errors: FloatArray
+    cross_validated: bool
 
-    def predict(self, residuals: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return expected error and confidence at each residual; beyond the knots the last value holds."""
-        return (
-            np.interp(residuals, self.residuals, self.expected_error),
-            np.interp(residuals, self.residuals, self.confidence),
-        )
-
-
-def fit_error_model(residuals: FloatArray, errors: FloatArray, weights: FloatArray) -> ErrorModel:
-    """Fit by isotonic regression, on at most 50 knots.
-
-    Parameters
-    ----------
-    residuals, errors : ndarray of shape (n_samples,)
-        Distances among the stable functions, and geodesic errors, of vertices of training shapes.
-    weights : ndarray of shape (n_samples,)
-        Share of each, positive.
-
-    Returns
-    -------
-    ErrorModel
-        What to expect on a new shape.
-    """
-    knots = np.unique(np.quantile(residuals, np.linspace(0, 1, 50)))
-    error = IsotonicRegression(increasing=True, out_of_bounds="clip").fit(residuals, errors, weights)
-    hit = IsotonicRegression(increasing=False, out_of_bounds="clip").fit(residuals, errors <= TOLERANCE, weights)
-    return ErrorModel(knots, np.asarray(error.predict(knots)), np.asarray(hit.predict(knots)))
+    def predict(self, signs: FloatArray, p2p: IntArray) -> tuple[FloatArray, FloatArray]:
+        """Return expected error and confidence of each vertex; beyond the knots the last value holds."""
+        columns = np.column_stack([signs, np.log(self.reference_errors[p2p] + _TINY)])
+        rank = ((columns - self.mean) / self.scale) @ self.coefficients
+        return np.interp(rank, self.knots, self.expected_error), np.interp(rank, self.knots, self.confidence)
 
 
-def calibrate(
-    shapes: Sequence[ProbedShape],
-    reference: ProbedShape,
-    joins: Sequence[JoinedPairs],
-    maps: FloatArray,
-    functions: FloatArray,
-    share: FloatArray,
-    *,
-    memory: Any,
-    n_jobs: int | None,
-) -> ErrorModel:
-    """Relate residuals to errors at well-spread vertices of the reference, on the training shapes.
+class Watch(NamedTuple):
+    """Well-spread vertices of the reference, and the distances from each to all, at unit area."""
 
-    Parameters
-    ----------
-    shapes, reference : sequence of ProbedShape, ProbedShape
-        Training shapes, and S_0.
-    joins : sequence of JoinedPairs
-        Known pairs of vertices of each shape and of S_0.
-    maps : ndarray of shape (n_shapes, k, k)
-        Learned maps X_i(D).
-    functions : ndarray of shape (k, p)
-        What points are matched in.
-    share : ndarray of shape (n_shapes,)
-        Weight of each shape; one of weight 0 is left out.
-    memory : None, str or joblib.Memory
-        Where distances are cached.
-    n_jobs : int or None
-        Shapes at a time.
+    vertices: IntArray
+    distances: FloatArray
 
-    Returns
-    -------
-    ErrorModel
-        What to expect on a new shape.
-    """
-    used = [i for i in range(len(shapes)) if share[i] > 0]
+
+class Observation(NamedTuple):
+    """What a training shape showed at the watched vertices: signs, errors, weights, matches and places in the watch."""
+
+    signs: FloatArray
+    errors: FloatArray
+    weights: FloatArray
+    matched: IntArray
+    watched: IntArray
+
+
+def watch_reference(reference: ProbedShape, joins: Sequence[JoinedPairs], memory: Any) -> Watch:
+    """Choose the vertices of the reference at which errors are observed, among those with known pairs."""
     mesh = reference.spectral.mesh
-    known = np.unique(np.concatenate([joins[i].vertices_0 for i in used]))
-    chosen, distances = cached(_distances_from_some, memory)(
-        (mesh, known), hash_of_arrays(mesh.vertices, mesh.faces, known)
-    )
-    arguments = ((shapes[i], reference, joins[i], (maps[i], functions), (chosen, distances)) for i in used)
-    observed = map_shapes(_observe_errors, arguments, n_jobs=n_jobs, verbose=0)
-    weights = [share[i] * own for i, (_, _, own) in zip(used, observed, strict=True)]
-    residuals, errors = (np.concatenate([part[j] for part in observed]) for j in range(2))
-    return fit_error_model(residuals, errors, np.concatenate(weights))
+    known = np.unique(np.concatenate([join.vertices_0 for join in joins]))
+    content_hash = hash_of_arrays(mesh.vertices, mesh.faces, known)
+    return Watch(*cached(_distances_from_some, memory)((mesh, known), content_hash))
 
 
 def _distances_from_some(where: tuple[Mesh, IntArray], content_hash: str) -> tuple[IntArray, FloatArray]:  # noqa: ARG001
-    """Return well-spread vertices among the known ones, and the distances from each to all, at unit area."""
     mesh, known = where
-    chosen = np.sort(farthest_vertices(mesh.vertices, mesh.faces, known, _N_OBSERVED))
+    chosen = np.sort(farthest_vertices(mesh.vertices, mesh.faces, known, _N_WATCHED))
     return chosen, heat_distances(mesh.vertices / np.sqrt(mesh.area), mesh.faces, chosen)
 
 
-def _observe_errors(
-    shape: ProbedShape,
-    reference: ProbedShape,
-    join: JoinedPairs,
-    maps: tuple[FloatArray, FloatArray],
-    known: tuple[IntArray, FloatArray],
-) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return residuals, errors and weights at the pairs of a training shape whose true vertex has known distances."""
-    C, functions = maps
-    chosen, distances = known
-    rows = np.flatnonzero(np.isin(join.vertices_0, chosen))
-    if len(rows) == 0:
-        return np.empty(0), np.empty(0), np.empty(0)
-    evecs_i = shape.spectral.evecs[join.vertices_i[rows]]
-    p2p, residuals = nearest_points(evecs_i, reference.spectral.evecs, C, functions)
-    return residuals, distances[np.searchsorted(chosen, join.vertices_0[rows]), p2p], join.weights[rows]
+def observe(matcher: Matcher, shape: ProbedShape, join: JoinedPairs, match: PointMatch, watch: Watch) -> Observation:
+    """Return signs and errors at the pairs of a training shape whose true vertex is watched."""
+    rows = np.flatnonzero(np.isin(join.vertices_0, watch.vertices))
+    at = join.vertices_i[rows]
+    watched = np.searchsorted(watch.vertices, join.vertices_0[rows])
+    matched = match.p2p[at]
+    signs = vertex_signs(matcher, shape, match)[at]
+    return Observation(signs, watch.distances[watched, matched], join.weights[rows], matched, watched)
+
+
+def vertex_signs(matcher: Matcher, shape: ProbedShape, match: PointMatch) -> FloatArray:
+    """Return logarithms of what a match shows at each vertex without knowing the truth, shape (n_vertices_i, n_signs).
+
+    The distance between matched points of the embedding; how far a vertex comes back when it is matched to the
+    reference and from there to the shape; how much the match stretches the edges around it; in a refined match, also
+    the distance among the functions that were learned. Each once at the vertex, once averaged over its surroundings.
+    """
+    spectral, spectral_0 = shape.spectral, matcher.reference.spectral
+    vertices = spectral.vertices
+    signs = [
+        np.linalg.norm(match.points_i - match.points_0[match.p2p], axis=1),
+        np.linalg.norm(vertices - vertices[match.inverse[match.p2p]], axis=1),
+        _stretch(spectral, spectral_0, match.p2p),
+    ]
+    if match.refined_map is not None:
+        signs.append(_learned_distance(matcher, shape, match))
+    columns = np.stack(signs, axis=1)
+    return np.log(np.hstack([columns, _averaged(spectral.mesh, columns)]) + _TINY)
+
+
+def _learned_distance(matcher: Matcher, shape: ProbedShape, match: PointMatch) -> FloatArray:
+    k, functions = len(match.learned_map), trusted_functions(matcher.residual_covariance)
+    points_i = shape.spectral.evecs[:, :k] @ (match.learned_map @ functions)
+    points_0 = matcher.reference.spectral.evecs[:, :k] @ functions
+    return np.asarray(np.linalg.norm(points_i - points_0[match.p2p], axis=1))
+
+
+def _stretch(spectral: SpectralShape, spectral_0: SpectralShape, p2p: IntArray) -> FloatArray:
+    """Return the absolute logarithm of how much longer the edges around each vertex are on the reference."""
+    edges = edge_graph(spectral.vertices, spectral.mesh.faces).tocoo()
+    a, b = edges.coords
+    n, images = spectral.mesh.n_vertices, spectral_0.vertices[p2p]
+    lengths = np.linalg.norm(images[a] - images[b], axis=1)
+    before, after = (np.bincount(a, x, n) + np.bincount(b, x, n) for x in (edges.data, lengths))
+    return np.asarray(np.abs(np.log((after + _TINY) / (before + _TINY))))
+
+
+def _averaged(mesh: Mesh, columns: FloatArray) -> FloatArray:
+    edges = edge_graph(mesh.vertices, mesh.faces)
+    neighbours = ((edges + edges.T) > 0).astype(np.float64)
+    average = sp.diags_array(1 / neighbours.sum(axis=1)) @ neighbours
+    for _ in range(_ROUNDS):
+        columns = (columns + average @ columns) / 2
+    return columns
+
+
+def fit_error_model(observations: Sequence[Observation], watch: Watch, *, cross_validated: bool) -> ErrorModel:
+    """Fit the model to what training shapes showed, on at most 50 knots.
+
+    Parameters
+    ----------
+    observations : sequence of Observation
+        One for each training shape, weighted by its share.
+    watch : Watch
+        Where they were made.
+    cross_validated : bool
+        Whether the shapes were left out of the learning.
+
+    Returns
+    -------
+    ErrorModel
+        What to expect on a new shape.
+    """
+    sums, counts = (
+        np.stack(part) for part in zip(*(_by_vertex(o, len(watch.vertices)) for o in observations), strict=True)
+    )
+    near = np.exp(-np.square(watch.distances / _WIDTH) / 2)
+    errors_0 = _spread(near, sums.sum(axis=0), counts.sum(axis=0))
+    columns = []
+    for i, observation in enumerate(observations):
+        others = [j for j in range(len(observations)) if j != i] or [i]
+        known = _spread(near, sums[others].sum(axis=0), counts[others].sum(axis=0))
+        columns.append(np.column_stack([observation.signs, np.log(known[observation.matched] + _TINY)]))
+    signs = np.concatenate(columns)
+    errors, weights = (np.concatenate([o[j] for o in observations]) for j in (1, 2))
+    mean, scale = signs.mean(axis=0), signs.std(axis=0)
+    scale = np.where(scale > 0, scale, 1.0)
+    regression = GammaRegressor(alpha=1e-2, max_iter=1000)
+    coefficients = regression.fit((signs - mean) / scale, errors + _TINY, sample_weight=weights).coef_
+    rank = ((signs - mean) / scale) @ coefficients
+    knots = np.unique(np.quantile(rank, np.linspace(0, 1, 50)))
+    error = IsotonicRegression(increasing=True, out_of_bounds="clip").fit(rank, errors, weights)
+    hit = IsotonicRegression(increasing=False, out_of_bounds="clip").fit(rank, errors <= TOLERANCE, weights)
+    expected, confidence = np.asarray(error.predict(knots)), np.asarray(hit.predict(knots))
+    return ErrorModel(mean, scale, coefficients, knots, expected, confidence, errors_0, cross_validated)
+
+
+def _by_vertex(observation: Observation, n_watched: int) -> tuple[FloatArray, FloatArray]:
+    """Return the weighted sum of errors at each watched vertex, and the sum of weights."""
+    _, errors, weights, _, watched = observation
+    sums, counts = (np.bincount(watched, values, n_watched) for values in (weights * errors, weights))
+    return sums.astype(np.float64), counts.astype(np.float64)
+
+
+def _spread(near: FloatArray, sums: FloatArray, counts: FloatArray) -> FloatArray:
+    """Return errors averaged around each vertex of the reference; far from all that was seen, the mean of all."""
+    overall = sums.sum() / max(float(counts.sum()), 1e-300)
+    return np.asarray((sums @ near + 1e-3 * overall) / (counts @ near + 1e-3))
+
+
+def count_supporting(matcher: Matcher, shape: ProbedShape, match: PointMatch) -> IntArray:
+    """Return how many stable functions, the most stable first, agree that a vertex and its match are the same point.
+
+    They agree as long as the root mean square of their differences, in units of what the training shapes showed, is at
+    most 2.
+    """
+    k, Y = len(match.learned_map), matcher.stable_basis
+    spreads = np.sqrt(np.maximum(np.einsum("ij,ik,kj->j", Y, matcher.residual_covariance, Y), 0.0))
+    points_i = shape.spectral.evecs[:, :k] @ (match.learned_map @ Y)
+    points_0 = matcher.reference.spectral.evecs[:, :k] @ Y
+    differences = (points_i - points_0[match.p2p]) / np.maximum(spreads, 1e-6 * max(float(spreads.max()), 1e-300))
+    constant = spreads <= 1e-6 * spreads.max()
+    differences[:, constant] = 0.0
+    mean_squares = np.cumsum(np.square(differences), axis=1) / np.arange(1, k + 1)
+    return np.asarray(np.cumprod(mean_squares <= _SUPPORTED**2, axis=1).sum(axis=1), dtype=np.int64)

@@ -11,12 +11,13 @@ from skfmap._parallel import map_shapes
 from skfmap._typing import FloatArray, IntArray
 from skfmap._validation import label
 from skfmap.exceptions import CorrespondenceError, CoverageWarning
-from skfmap.functional.ground_truth import GroundTruth, map_from_pairs
+from skfmap.functional.ground_truth import map_from_pairs
 from skfmap.functional.regularization import laplacian_mask
+from skfmap.functional.residuals import residual_covariance
 from skfmap.geometry.geodesics import areas_of_landmarks
 from skfmap.shapes import Correspondence, JoinedPairs, Mesh, ProbedShape
 
-__all__ = ["ground_truth_maps", "join_with_reference"]
+__all__ = ["KnownMap", "ground_truth_maps", "join_with_reference", "known_maps"]
 
 
 def join_with_reference(
@@ -30,6 +31,27 @@ def join_with_reference(
             "Check that both are given on the same template (Correspondence.from_vertices or from_template?)."
         )
     return joined
+
+
+class KnownMap(NamedTuple):
+    """What the known pairs of a shape and of the reference determine.
+
+    Attributes
+    ----------
+    C : ndarray of shape (k, k)
+        Functional map, from functions on S_0 to functions on S_i.
+    n_observed : int
+        How many of the k functions the pairs determine.
+    areas : ndarray of shape (n_pairs,)
+        Area of S_i that each pair stands for.
+    truncation : ndarray of shape (n_components, n_components)
+        `residual_covariance` of the map that the pairs make in all functions held: what the cut costs.
+    """
+
+    C: FloatArray
+    n_observed: int
+    areas: FloatArray
+    truncation: FloatArray
 
 
 def ground_truth_maps(
@@ -74,21 +96,35 @@ def ground_truth_maps(
     CoverageWarning
         If the pairs of a shape determine fewer than k functions; the rest is a guess by isometry.
     """
+    known = known_maps(shapes, reference, joins, n_functions, memory=memory, n_jobs=n_jobs)
+    return np.stack([one.C for one in known])
+
+
+def known_maps(
+    shapes: Sequence[ProbedShape],
+    reference: ProbedShape,
+    joins: Sequence[JoinedPairs],
+    n_functions: int,
+    *,
+    memory: Any = None,
+    n_jobs: int | None = None,
+) -> list[KnownMap]:
+    """Return `ground_truth_maps` with what else the pairs tell."""
     arguments = ((s, reference, join, n_functions, memory) for s, join in zip(shapes, joins, strict=True))
-    truths = map_shapes(_ground_truth, arguments, n_jobs=n_jobs, verbose=0)
-    for shape, truth in zip(shapes, truths, strict=True):
-        if truth.n_observed < n_functions:
+    known: list[KnownMap] = map_shapes(_known_map, arguments, n_jobs=n_jobs, verbose=0)
+    for shape, one in zip(shapes, known, strict=True):
+        if one.n_observed < n_functions:
             warnings.warn(
-                f"The correspondences of {label(shape.name, 'shape')} determine {truth.n_observed} of {n_functions} "
+                f"The correspondences of {label(shape.name, 'shape')} determine {one.n_observed} of {n_functions} "
                 "functions; the rest of its ground-truth map is a guess by isometry. Give more or better spread "
                 "pairs, lower n_functions, or leave the shape out.",
                 CoverageWarning,
-                stacklevel=3,
+                stacklevel=4,
             )
-    return np.stack([truth.C for truth in truths])
+    return known
 
 
-def _ground_truth(shape: ProbedShape, reference: ProbedShape, join: JoinedPairs, k: int, memory: Any) -> GroundTruth:
+def _known_map(shape: ProbedShape, reference: ProbedShape, join: JoinedPairs, k: int, memory: Any) -> KnownMap:
     landmarks = np.unique(join.vertices_i)
     n_distinct = min(len(landmarks), len(np.unique(join.vertices_0)), len(np.unique(join.points)))
     if n_distinct < k:
@@ -97,17 +133,19 @@ def _ground_truth(shape: ProbedShape, reference: ProbedShape, join: JoinedPairs,
             f"n_functions={k}; give more pairs, or lower n_functions to well below {n_distinct}."
         )
     spectral, spectral_0 = shape.spectral, reference.spectral
+    n_components = min(spectral.n_components, spectral_0.n_components)
     pairs = _Pairs(
         spectral.mesh,
         spectral.mass,
         join.vertices_i,
         join.weights,
-        spectral.evecs[join.vertices_i, :k],
-        spectral_0.evecs[join.vertices_0, :k],
+        spectral.evecs[join.vertices_i, :n_components],
+        spectral_0.evecs[join.vertices_0, :n_components],
         laplacian_mask(spectral.evals[:k], spectral_0.evals[:k]),
+        np.array([k, n_distinct]),
     )
     compute = cached(_fit_pairs, memory)
-    return cast(GroundTruth, compute(pairs, hash_of_arrays(spectral.mesh.vertices, spectral.mesh.faces, *pairs[1:])))
+    return cast(KnownMap, compute(pairs, hash_of_arrays(spectral.mesh.vertices, spectral.mesh.faces, *pairs[1:])))
 
 
 class _Pairs(NamedTuple):
@@ -120,11 +158,28 @@ class _Pairs(NamedTuple):
     evecs_i: FloatArray
     evecs_0: FloatArray
     mask: FloatArray
+    counts: IntArray  # k, and the number of distinct landmarks
 
 
-def _fit_pairs(pairs: _Pairs, content_hash: str) -> GroundTruth:  # noqa: ARG001
+def _fit_pairs(pairs: _Pairs, content_hash: str) -> KnownMap:  # noqa: ARG001
+    k, n_distinct = (int(n) for n in pairs.counts)
     landmarks, inverse = np.unique(pairs.vertices_i, return_inverse=True)
     areas = areas_of_landmarks(pairs.mesh.vertices, pairs.mesh.faces, pairs.mass, landmarks)
     per_vertex = np.bincount(inverse, pairs.weights)
-    share = areas[inverse] * pairs.weights / np.maximum(per_vertex[inverse], 1e-300)
-    return map_from_pairs(pairs.evecs_i, pairs.evecs_0, share, pairs.mask)
+    share: FloatArray = areas[inverse] * pairs.weights / np.maximum(per_vertex[inverse], 1e-300)
+    truth = map_from_pairs(pairs.evecs_i[:, :k], pairs.evecs_0[:, :k], share, pairs.mask)
+    return KnownMap(truth.C, truth.n_observed, share, _truncation(pairs, share, n_distinct))
+
+
+def _truncation(pairs: _Pairs, areas: FloatArray, n_distinct: int) -> FloatArray:
+    """Return the covariance of residuals in as many functions as the pairs can tell; the rest is like the last."""
+    n_components = pairs.evecs_i.shape[1]
+    n_told = min(n_components, max(2, n_distinct // 2))
+    evecs_i, evecs_0 = pairs.evecs_i[:, :n_told], pairs.evecs_0[:, :n_told]
+    gram = (areas[:, None] * evecs_i).T @ evecs_i
+    C = np.linalg.solve(gram + 1e-9 * np.eye(n_told), (areas[:, None] * evecs_i).T @ evecs_0)
+    told = residual_covariance(evecs_i, evecs_0, areas, np.asarray(C, dtype=np.float64), leverage_of=gram)
+    last = float(np.diag(told)[-10:].mean())
+    covariance = np.diag(np.full(n_components, last))
+    covariance[:n_told, :n_told] = told
+    return covariance

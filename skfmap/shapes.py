@@ -474,6 +474,13 @@ class Match:
         Name of S_i.
     reference_name : str or None
         Name of S_0.
+    refined_map : ndarray of shape (n, n) or None
+        The functional map that the last step of the refinement matched points in; it runs as ``functional_map`` does.
+    n_supporting : ndarray of int, shape (n_vertices_i,)
+        How many of the stable functions Y, the most stable first, agree that a vertex and its match are one point.
+    matrix : sparse array of shape (n_vertices_i, n_vertices_0)
+        The point map as a matrix whose rows sum to 1: with one entry each, or barycentric or soft if asked. It pulls
+        functions on S_0 back to S_i.
     """
 
     p2p: IntArray
@@ -483,6 +490,67 @@ class Match:
     reduced_map: FloatArray
     name: str | None = None
     reference_name: str | None = None
+    refined_map: FloatArray | None = None
+    n_supporting: IntArray | None = None
+    matrix: SparseMatrix | Any = None
+
+    def transfer(self, values: object, *, max_error: float | None = None) -> Any:
+        """Carry a function, labels, a segmentation or texture coordinates from the reference to this shape.
+
+        Numbers are interpolated as ``matrix`` says. Labels (integers, booleans, strings) are voted on with its weights.
+
+        Parameters
+        ----------
+        values : array-like of shape (n_vertices_0,) or (n_vertices_0, n_columns)
+            What the vertices of the reference hold; labels one-dimensional.
+        max_error : float, optional
+            Vertices with a larger ``expected_error``, in units of sqrt(area), are masked.
+
+        Returns
+        -------
+        numpy.ma.MaskedArray of shape (n_vertices_i,) or (n_vertices_i, n_columns)
+            Values at the vertices of S_i. ``.data`` has all of them, ``.mask`` marks those that are not trusted, and
+            ``.filled(...)`` replaces them.
+
+        Raises
+        ------
+        ValueError
+            If ``values`` does not have one entry for each vertex of the reference.
+
+        Examples
+        --------
+        >>> import numpy as np
+        >>> import scipy.sparse as sp
+        >>> from skfmap import Match
+        >>> C, error = np.eye(1), np.array([0.01, 0.2])
+        >>> match = Match(np.array([1, 0]), error, 1 - error, C, C, matrix=sp.csr_array([[0, 1.0], [1, 0]]))
+        >>> match.transfer(["head", "tail"], max_error=0.1)
+        masked_array(data=['tail', --],
+                     mask=[False,  True],
+               fill_value='N/A',
+                    dtype='<U4')
+        """
+        given = np.asarray(values)
+        n_0 = self.matrix.shape[1]
+        if given.ndim not in (1, 2) or len(given) != n_0:
+            raise ValueError(
+                f"values must have one entry or row for each of the {n_0} vertices of the reference; got shape "
+                f"{given.shape}."
+            )
+        if np.issubdtype(given.dtype, np.inexact):
+            carried = self.matrix @ given
+        elif given.ndim == 2:
+            carried = np.stack([self._vote(column) for column in given.T], axis=1)
+        else:
+            carried = self._vote(given)
+        doubtful = np.zeros(len(carried), dtype=bool) if max_error is None else self.expected_error > max_error
+        return np.ma.MaskedArray(carried, np.broadcast_to(doubtful.reshape(-1, *[1] * (given.ndim - 1)), carried.shape))
+
+    def _vote(self, labels: Any) -> Any:
+        """Return the label of most weight at each vertex; the first in order among equals."""
+        kinds, place = np.unique(labels, return_inverse=True)
+        members = sp.coo_array((np.ones(len(labels)), (np.arange(len(labels)), place)), shape=(len(labels), len(kinds)))
+        return kinds[np.asarray((self.matrix @ members.tocsr()).todense()).argmax(axis=1)]
 
     def __repr__(self) -> str:
         """Return a line with both names and the mean expected error."""

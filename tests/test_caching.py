@@ -145,7 +145,7 @@ def test_ground_truth_in_a_cache_is_told_apart_by_pairs_and_size(tmp_path, make_
             for memory in (str(tmp_path), None)
         )
         assert_array_equal(cached.stable_basis_, plain.stable_basis_)
-        assert_array_equal(cached.error_model_.confidence, plain.error_model_.confidence)
+        assert_array_equal(cached.error_models_["unrefined"].confidence, plain.error_models_["unrefined"].confidence)
 
 
 def test_a_file_that_changes_is_read_again(tmp_path, collection):

@@ -414,8 +414,10 @@ def test_point_maps_in_other_functions_than_fitted(make_learner, fitted, probed,
 
 @pytest.mark.parametrize(("matching", "n_stable"), [("soft", None), ("cut", 5), ("cut", 1.0)])
 def test_points_are_neighbours_in_the_trusted_functions(fitted, probed, matching, n_stable):
-    Y, s = fitted.stable_basis_, fitted.stability_
-    functions = Y / (1 + (s / np.median(s)) ** 2) if matching == "soft" else Y[:, : 5 if n_stable == 5 else 12]
+    functions = fitted.stable_basis_[:, : 5 if n_stable == 5 else 12]
+    if matching == "soft":
+        covariance = fitted.residual_covariance_
+        functions = np.linalg.inv(covariance + 0.2 * np.trace(covariance) / 12 * np.eye(12))
     (C,) = fitted.functional_maps(probed[5:])
     points_i, points_0 = probed[5].spectral.evecs[:, :12] @ C @ functions, probed[0].spectral.evecs[:, :12] @ functions
     expected = cdist(points_i, points_0).argmin(axis=1)

@@ -24,7 +24,6 @@ from skfmap.functional import (
     scale_by,
     solve_functional_map,
     spectral_embeddings,
-    stability_weights,
     stable_basis,
     wave_kernel_signature,
     weight_groups,
@@ -201,12 +200,6 @@ def test_sample_weight_is_repetition_in_the_stable_basis():
     _, weighted = stable_basis(A, np.array([2.0, 1.0, 0.0]))
     _, repeated = stable_basis(A[[0, 0, 1]])
     np.testing.assert_allclose(weighted, repeated, rtol=1e-12)
-
-
-def test_stability_weights_halve_at_the_median():
-    weights = stability_weights(np.array([0.0, 1.0, 2.0]))
-    np.testing.assert_allclose(weights, [1.0, 0.5, 0.2])
-    np.testing.assert_array_equal(stability_weights(np.zeros(3)), np.ones(3))
 
 
 def test_basis_error_is_the_norm_on_each_function():

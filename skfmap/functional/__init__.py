@@ -10,9 +10,12 @@ from skfmap.functional.normalization import scale_by
 from skfmap.functional.objective import LearningProblem
 from skfmap.functional.optimize import Optimum, optimize_weights
 from skfmap.functional.projection import diffuse, project
+from skfmap.functional.refinement import map_from_point_maps, nearest_orthogonal
 from skfmap.functional.regularization import laplacian_mask, penalty_of
+from skfmap.functional.residuals import residual_covariance, trusted_functions
 from skfmap.functional.signatures import heat_kernel_signature, wave_kernel_signature
-from skfmap.functional.stable_basis import basis_error, stability_weights, stable_basis
+from skfmap.functional.stable_basis import basis_error, stable_basis
+from skfmap.functional.subvertex import nearest_on_triangles
 from skfmap.functional.weighting import weight_groups
 
 __all__ = [
@@ -29,16 +32,20 @@ __all__ = [
     "laplacian_mask",
     "learn_functional_maps",
     "map_from_pairs",
+    "map_from_point_maps",
+    "nearest_on_triangles",
+    "nearest_orthogonal",
     "optimize_weights",
     "penalty_of",
     "project",
     "rank_norm",
     "rank_norm_and_gradient",
+    "residual_covariance",
     "scale_by",
     "solve_functional_map",
     "spectral_embeddings",
-    "stability_weights",
     "stable_basis",
+    "trusted_functions",
     "wave_kernel_signature",
     "weight_groups",
 ]

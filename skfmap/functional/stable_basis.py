@@ -4,7 +4,7 @@ import numpy as np
 
 from skfmap._typing import FloatArray
 
-__all__ = ["basis_error", "stability_weights", "stable_basis"]
+__all__ = ["basis_error", "stable_basis"]
 
 
 def stable_basis(differences: FloatArray, sample_weight: FloatArray | None = None) -> tuple[FloatArray, FloatArray]:
@@ -32,12 +32,6 @@ def stable_basis(differences: FloatArray, sample_weight: FloatArray | None = Non
     Y = vectors[::-1].T
     largest = np.take_along_axis(Y, np.argmax(np.abs(Y), axis=0)[None], axis=0)
     return np.where(largest < 0, -Y, Y), np.asarray(singular_values[::-1])
-
-
-def stability_weights(stability: FloatArray) -> FloatArray:
-    """Return how far each stable function is trusted: 1 / (1 + (s / median s)^2), shape (k,)."""
-    middle = float(np.median(stability))
-    return np.asarray(1 / (1 + (stability / middle) ** 2)) if middle > 0 else np.ones_like(stability)
 
 
 def basis_error(X: FloatArray, C: FloatArray, Y: FloatArray) -> FloatArray:

@@ -1,0 +1,61 @@
+"""Functional maps from point maps, as refinement alternates between the two."""
+
+import numpy as np
+
+from skfmap._typing import FloatArray, IntArray
+
+__all__ = ["map_from_point_maps", "nearest_orthogonal"]
+
+
+def map_from_point_maps(
+    evecs_i: FloatArray,
+    evecs_0: FloatArray,
+    mass_i: FloatArray,
+    mass_0: FloatArray,
+    p2p: IntArray,
+    inverse: IntArray | None = None,
+) -> FloatArray:
+    r"""Fit the functional map to a point map, or to the point maps of both directions at once.
+
+    .. math:: \min_C \|\Phi_i C - \Phi_0(T)\|^2_{M_i} + \|\Phi_i(S)\, C - \Phi_0\|^2_{M_0}
+
+    With T alone this is the step of ZoomOut (Melzi et al. 2019). Both terms say where points lie in one and the same
+    embedding, Phi_i C against Phi_0, so that no transpose of C stands for its inverse.
+
+    Parameters
+    ----------
+    evecs_i, evecs_0 : ndarray of shape (n_vertices_i, k), ndarray of shape (n_vertices_0, k)
+        Eigenfunctions.
+    mass_i, mass_0 : ndarray of shape (n_vertices_i,), ndarray of shape (n_vertices_0,)
+        Area of each vertex, each summing to 1.
+    p2p : ndarray of int, shape (n_vertices_i,)
+        T: vertex of S_0 for each vertex of S_i.
+    inverse : ndarray of int, shape (n_vertices_0,), optional
+        S: vertex of S_i for each vertex of S_0.
+
+    Returns
+    -------
+    C : ndarray of shape (k, k)
+        Functional map: pulls functions on S_0 back to S_i. Constants map to constants.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from skfmap.functional import map_from_point_maps
+    >>> evecs, mass, same = np.array([[1.0, 1], [1, -1], [1, 0]]), np.full(3, 1 / 3), np.arange(3)
+    >>> bool(np.allclose(map_from_point_maps(evecs, evecs, mass, mass, same, same), np.eye(2)))
+    True
+    """
+    weighted = mass_i[:, None] * evecs_i
+    gram, rhs = weighted.T @ evecs_i, weighted.T @ evecs_0[p2p]
+    if inverse is not None:
+        image = evecs_i[inverse]
+        weighted = mass_0[:, None] * image
+        gram, rhs = gram + weighted.T @ image, rhs + weighted.T @ evecs_0
+    return np.asarray(np.linalg.solve(gram, rhs))
+
+
+def nearest_orthogonal(C: FloatArray) -> FloatArray:
+    """Return the orthogonal matrix nearest to C: the step of spectral ICP (Ovsjanikov et al. 2012)."""
+    U, _, Vt = np.linalg.svd(C)
+    return np.asarray(U @ Vt)
