@@ -73,7 +73,8 @@ def _matchers_without(
     shorter |= {"tol": max(options["tol"], _FOLD_OPTIONS["tol"])}
     learned = map_shapes(learn_from_rows, ((arrays, rows, shorter) for rows in kept), n_jobs=n_jobs, verbose=0)
     return [
-        matcher_from(training, rows, one.maps, one, whole.settings) for rows, one in zip(kept, learned, strict=True)
+        matcher_from(training, rows, one.maps, one, whole.settings._replace(regularizer=one.regularizer))
+        for rows, one in zip(kept, learned, strict=True)
     ]
 
 

@@ -29,7 +29,7 @@ __all__ = [
 ]
 
 # Vertices of the reference that errors are observed at.
-_N_WATCHED = 200
+_N_WATCHED = 500
 # Width, in sqrt(area), over which errors at neighbouring vertices of the reference are averaged.
 _WIDTH = 0.05
 # Rounds of averaging over neighbours on the shape.

@@ -15,7 +15,17 @@ from skfmap.functional.regularization import penalty_of
 from skfmap.functional.residuals import trusted_functions
 from skfmap.shapes import ProbedShape, SpectralShape
 
-__all__ = ["MATCHINGS", "REFINEMENTS", "UNREFINED", "Matcher", "PointMatch", "Settings", "learned_map", "match_points"]
+__all__ = [
+    "MATCHINGS",
+    "REFINEMENTS",
+    "UNREFINED",
+    "Matcher",
+    "PointMatch",
+    "Settings",
+    "learned_map",
+    "match_points",
+    "penalised_error",
+]
 
 MATCHINGS = ("soft", "cut")
 REFINEMENTS = (None, "icp", "zoomout", "bijective-zoomout")
@@ -68,14 +78,26 @@ class PointMatch(NamedTuple):
 
 def learned_map(matcher: Matcher, shape: ProbedShape) -> FloatArray:
     """Return X_i(D) of equation (2), shape (k, k)."""
+    return solve_functional_map(*_equation_2(matcher, shape), matcher.weights)
+
+
+def penalised_error(matcher: Matcher, shape: ProbedShape) -> float:
+    """Return the value of equation (2) at its minimum: how well the shape fits what was learned."""
+    probes_0, probes_i, penalty = _equation_2(matcher, shape)
+    C = solve_functional_map(probes_0, probes_i, penalty, matcher.weights)
+    residual = (C @ probes_0 - probes_i) * matcher.weights
+    return float(np.square(residual).sum() + (penalty[1:, 1:] * np.square(C[1:, 1:])).sum())
+
+
+def _equation_2(matcher: Matcher, shape: ProbedShape) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return normalised probes of the reference and of the shape, and the regulariser's diagonals."""
     k, reference, settings = len(matcher.stable_basis), matcher.reference, matcher.settings
     probes_0, probes_i = reference.probes[:k], shape.probes[:k]
     penalty = penalty_of(shape.spectral.evals[:k], reference.spectral.evals[:k], settings.alpha, settings.regularizer)
-    return solve_functional_map(
+    return (
         scale_by(probes_0, probes_0, settings.normalize),
         scale_by(probes_0, probes_i, settings.normalize),
         penalty,
-        matcher.weights,
     )
 
 

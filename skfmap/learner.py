@@ -12,6 +12,7 @@ from sklearn.utils.validation import check_is_fitted
 
 from skfmap._calibration import calibrate
 from skfmap._callbacks import CallbackSupportMixin, FitTask, with_callbacks
+from skfmap._handedness import warn_of_mirrored_shapes, warn_of_mirrored_training_shapes
 from skfmap._inputs import check_correspondences, check_same_probes, check_sample_weight, check_shapes, place
 from skfmap._matching import MATCHINGS, REFINEMENTS, Matcher, Settings, learned_map
 from skfmap._medoid import medoid_index
@@ -23,7 +24,7 @@ from skfmap._unwrap import learner_and_shapes
 from skfmap._validation import check_choice, check_number, label
 from skfmap._version import Versioned
 from skfmap.functional.learning import LearnedMaps, learn_functional_maps
-from skfmap.functional.regularization import REGULARIZERS
+from skfmap.functional.regularization import LEARNED, REGULARIZERS
 from skfmap.functional.weighting import WEIGHTINGS
 from skfmap.ground_truth import join_with_reference, known_maps
 from skfmap.metrics import PairErrors, pair_errors, reference_distances
@@ -60,8 +61,10 @@ class WeightedFunctionalMapLearner(CallbackSupportMixin, Versioned, BaseEstimato
     alpha : float, default=0.01
         Strength of the regulariser, for probes of norm 1 / sqrt(m). Beside learned weights it only sets the start and
         the automatic epsilon; for ``weighting=None`` it is worth a search.
-    regularizer : "laplacian" or callable, default="laplacian"
-        Deformation model: ``(evals_i, evals_0) -> W`` of shape (k, k).
+    regularizer : {"laplacian", "resolvent", "learned"} or callable, default="laplacian"
+        Deformation model: ``(evals_i, evals_0) -> W`` of shape (k, k). ``"laplacian"`` is the paper's, ``"resolvent"``
+        is bounded (Ren et al. 2019), ``"learned"`` expects of each entry what the known maps of the training shapes
+        have there.
     normalize : {"shape", "reference"}, default="shape"
         Whether probe columns are scaled by each shape's own norms (section 2.1) or by those of the reference.
     n_stable : int, float in (0, 1], or None
@@ -211,6 +214,8 @@ class WeightedFunctionalMapLearner(CallbackSupportMixin, Versioned, BaseEstimato
         -----
         CoverageWarning
             If correspondences determine only a part of a functional map.
+        OrientationWarning
+            If the correspondence of a shape takes its left for right, as that of a mirrored mesh does.
         ConvergenceWarning
             If the search stopped before it converged.
         """
@@ -237,6 +242,7 @@ class WeightedFunctionalMapLearner(CallbackSupportMixin, Versioned, BaseEstimato
             memory=self.memory,
             n_jobs=self.n_jobs,
         )
+        warn_of_mirrored_training_shapes(training)
         self.__dict__.update(fitted)  # at once, so that an interrupted fit leaves nothing behind
         task.end(fitted)
         return self
@@ -293,10 +299,17 @@ class WeightedFunctionalMapLearner(CallbackSupportMixin, Versioned, BaseEstimato
         -------
         list of Match
             Point map (from each shape to the reference), expected errors, confidence and functional maps.
+
+        Warns
+        -----
+        OrientationWarning
+            If a shape fits the reference much better as a mirror image. A mirrored body that is its own mirror image
+            cannot be told from a body, and is matched by its own left and right.
         """
         shapes = self._check_new(X)
         check_choice(interpolate, "interpolate", INTERPOLATIONS)
         matcher = self._matcher(refine=refine)
+        warn_of_mirrored_shapes(matcher, shapes)
         arguments = ((matcher, self.error_models_, shape, interpolate) for shape in shapes)
         return list(map_shapes(match_shape, arguments, n_jobs=self.n_jobs, verbose=0))
 
@@ -414,7 +427,7 @@ class WeightedFunctionalMapLearner(CallbackSupportMixin, Versioned, BaseEstimato
             check_number(self.epsilon, "epsilon", low=0, strict=True)
         check_number(self.alpha, "alpha", low=0, strict=True)
         if not callable(self.regularizer):
-            check_choice(self.regularizer, "regularizer", REGULARIZERS)
+            check_choice(self.regularizer, "regularizer", (*REGULARIZERS, LEARNED))
         check_choice(self.normalize, "normalize", ("shape", "reference"))
         check_choice(self.matching, "matching", MATCHINGS)
         check_choice(self.refine, "refine", REFINEMENTS)
@@ -482,7 +495,7 @@ class WeightedFunctionalMapLearner(CallbackSupportMixin, Versioned, BaseEstimato
     def _fitted_attributes(self, training: Training, learned: LearnedMaps) -> dict[str, Any]:
         """Return what `fit` leaves behind, but for the expected errors."""
         reference, p = training.reference, _count_stable(self.n_stable, self.n_functions)
-        settings = Settings(self.alpha, self.normalize, self.regularizer, self.matching, p, self.refine)
+        settings = Settings(self.alpha, self.normalize, learned.regularizer, self.matching, p, self.refine)
         used = np.flatnonzero(training.share > 0)
         matcher = matcher_from(training, used, learned.maps[used], learned, settings)
         return {

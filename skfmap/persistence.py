@@ -19,6 +19,7 @@ TRUSTED_TYPES = (
     "skfmap.descriptors.MeshSaliency",
     "skfmap.descriptors.OrientedProducts",
     "skfmap.descriptors.WaveKernelSignature",
+    "skfmap.functional.regularization.LearnedMask",
     "skfmap.learner.WeightedFunctionalMapLearner",
     "skfmap.shapes.Correspondence",
     "skfmap.shapes.Mesh",

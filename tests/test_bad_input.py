@@ -354,7 +354,7 @@ def test_bad_sample_weights_are_refused(make_learner, probed, collection, weight
         ({"alpha": 0}, ValueError),
         ({"alpha": -1.0}, ValueError),
         ({"alpha": "1"}, TypeError),
-        ({"regularizer": "resolvent"}, ValueError),
+        ({"regularizer": "elastic"}, ValueError),
         ({"regularizer": None}, ValueError),
         ({"normalize": "none"}, ValueError),
         ({"matching": "hard"}, ValueError),

@@ -15,12 +15,14 @@ from skfmap.functional import (
     laplacian_eigenbasis,
     laplacian_mask,
     learn_functional_maps,
+    learned_mask,
     map_from_pairs,
     optimize_weights,
     penalty_of,
     project,
     rank_norm,
     rank_norm_and_gradient,
+    resolvent_mask,
     scale_by,
     solve_functional_map,
     spectral_embeddings,
@@ -353,3 +355,38 @@ def test_embedding_of_the_true_map_puts_points_on_their_images():
     Y, _ = np.linalg.qr(np.random.default_rng(1).standard_normal((10, 10)))
     points_i, points_0 = spectral_embeddings(evecs[permutation], evecs, C, Y)
     np.testing.assert_allclose(points_i, points_0[permutation], atol=1e-8)
+
+
+def test_the_resolvent_mask_vanishes_on_equal_spectra_and_stays_bounded():
+    evals = np.array([0.0, 3.0, 10.0, 40.0])
+    mask = resolvent_mask(evals, evals)
+    np.testing.assert_allclose(np.diag(mask), 0, atol=1e-15)
+    assert resolvent_mask(100 * evals, evals).max() <= np.sqrt(2)
+    # The distance of the resolvents 1 / (sqrt(lambda) - i) of the commutator, for one pair.
+    a, b = np.sqrt(3 / 40), np.sqrt(10 / 40)
+    np.testing.assert_allclose(mask[1, 2], abs(1 / (a - 1j) - 1 / (b - 1j)))
+
+
+def test_the_learned_mask_is_larger_where_known_maps_are_smaller():
+    maps = np.tile(np.eye(12), (4, 1, 1))
+    mask = learned_mask(maps)(np.arange(12.0), np.arange(12.0))
+    assert np.diag(mask).max() < np.abs(mask[0, 5:]).min()
+    share = np.array([1.0, 0, 0, 0])
+    np.testing.assert_allclose(
+        learned_mask(np.random.default_rng(0).standard_normal((4, 12, 12)), share).mask,
+        learned_mask(np.random.default_rng(0).standard_normal((4, 12, 12))[:1]).mask,
+    )
+
+
+@pytest.mark.parametrize("regularizer", ["resolvent", "learned"])
+def test_learning_goes_by_the_named_regularizer(regularizer):
+    rng = np.random.default_rng(6)
+    probes_0, evals = rng.standard_normal((6, 16)), np.arange(6.0)
+    noisy = probes_0 + 0.3 * rng.standard_normal((5, 6, 16))
+    maps = np.tile(np.eye(6), (5, 1, 1))
+    arguments = (probes_0, noisy, evals, np.tile(evals, (5, 1)), maps)
+    named = learn_functional_maps(*arguments, regularizer=regularizer)
+    mask = resolvent_mask if regularizer == "resolvent" else learned_mask(maps)
+    given = learn_functional_maps(*arguments, regularizer=mask)
+    np.testing.assert_array_equal(named.maps, given.maps)
+    assert not np.allclose(named.maps, learn_functional_maps(*arguments).maps)

@@ -11,7 +11,7 @@ from skfmap.functional.objective import LearningProblem
 from skfmap.functional.optimize import Optimum, optimize_weights
 from skfmap.functional.projection import diffuse, project
 from skfmap.functional.refinement import map_from_point_maps, nearest_orthogonal
-from skfmap.functional.regularization import laplacian_mask, penalty_of
+from skfmap.functional.regularization import LearnedMask, laplacian_mask, learned_mask, penalty_of, resolvent_mask
 from skfmap.functional.residuals import residual_covariance, trusted_functions
 from skfmap.functional.signatures import heat_kernel_signature, wave_kernel_signature
 from skfmap.functional.stable_basis import basis_error, stable_basis
@@ -21,6 +21,7 @@ from skfmap.functional.weighting import weight_groups
 __all__ = [
     "GroundTruth",
     "LearnedMaps",
+    "LearnedMask",
     "LearningProblem",
     "Optimum",
     "RowSystems",
@@ -31,6 +32,7 @@ __all__ = [
     "laplacian_eigenbasis",
     "laplacian_mask",
     "learn_functional_maps",
+    "learned_mask",
     "map_from_pairs",
     "map_from_point_maps",
     "nearest_on_triangles",
@@ -41,6 +43,7 @@ __all__ = [
     "rank_norm",
     "rank_norm_and_gradient",
     "residual_covariance",
+    "resolvent_mask",
     "scale_by",
     "solve_functional_map",
     "spectral_embeddings",

@@ -11,7 +11,7 @@ from skfmap.functional.norm import epsilon_by_rule
 from skfmap.functional.normalization import scale_by
 from skfmap.functional.objective import LearningProblem
 from skfmap.functional.optimize import Optimum, optimize_weights
-from skfmap.functional.regularization import REGULARIZERS, Regularizer, penalty_of
+from skfmap.functional.regularization import LEARNED, REGULARIZERS, Regularizer, learned_mask, penalty_of
 from skfmap.functional.stable_basis import stable_basis
 from skfmap.functional.weighting import check_weighting, weight_groups
 
@@ -36,6 +36,8 @@ class LearnedMaps:
         X_i(D) on the training shapes.
     optimum : Optimum
         How the weights were reached.
+    regularizer : str or callable
+        Deformation model that the maps were fitted with.
     """
 
     weights: FloatArray
@@ -44,6 +46,7 @@ class LearnedMaps:
     epsilon: float
     maps: FloatArray
     optimum: Optimum
+    regularizer: str | Regularizer = "laplacian"
 
 
 def learn_functional_maps(
@@ -85,8 +88,8 @@ def learn_functional_maps(
         Of the norm (4); "auto" is the paper's 80 percent rule.
     alpha : float
         Strength of the regulariser.
-    regularizer : "laplacian" or callable
-        Deformation model, ``(evals_i, evals_0) -> W`` of shape (k, k).
+    regularizer : "laplacian", "resolvent", "learned" or callable
+        Deformation model, ``(evals_i, evals_0) -> W`` of shape (k, k). "learned" takes it from ``maps``.
     normalize : {"shape", "reference"}
         Whose norms scale the probe columns.
     sample_weight : ndarray of shape (N,), optional
@@ -124,6 +127,8 @@ def learn_functional_maps(
     labels = ["probe"] * probes_0.shape[1] if categories is None else categories
     _check_choices(weighting, categories, labels, probes_0.shape[1])
     _check_numbers(epsilon, alpha, regularizer, normalize, share, len(maps))
+    if regularizer == LEARNED:
+        regularizer = learned_mask(maps, share)
     problem = LearningProblem(
         probes_0=scale_by(probes_0, probes_0, normalize),
         probes=np.stack([scale_by(probes_0, g, normalize) for g in probes]),
@@ -138,19 +143,21 @@ def learn_functional_maps(
 
     def tell_callback(iteration: int, loss: float, weights: FloatArray) -> object:
         so_far = Optimum(weights, [loss], iteration, iteration, np.nan, False, False, "under way")
-        return callback is not None and callback(iteration, loss, lambda: _conclude(problem, so_far, size))
+        return callback is not None and callback(iteration, loss, lambda: _conclude(problem, so_far, size, regularizer))
 
     optimum = optimize_weights(problem, groups, size, max_iter=max_iter, tol=tol, callback=tell_callback)
-    return _conclude(problem, optimum, size)
+    return _conclude(problem, optimum, size, regularizer)
 
 
-def _conclude(problem: LearningProblem, optimum: Optimum, epsilon: float) -> LearnedMaps:
+def _conclude(
+    problem: LearningProblem, optimum: Optimum, epsilon: float, regularizer: str | Regularizer
+) -> LearnedMaps:
     """Return what follows from the weights: the maps, and the stable basis of section 4.1."""
     learned = problem.solve(optimum.weights)
     differences = learned - problem.maps
     differences[:, :, 0] = 0.0  # constants map to constants
     Y, stability = stable_basis(differences, problem.sample_weight)
-    return LearnedMaps(optimum.weights, Y, stability, epsilon, learned, optimum)
+    return LearnedMaps(optimum.weights, Y, stability, epsilon, learned, optimum, regularizer)
 
 
 def _check_arrays(
@@ -197,6 +204,6 @@ def _check_numbers(
     check_number(alpha, "alpha", low=0, strict=True)
     check_choice(normalize, "normalize", ("shape", "reference"))
     if not callable(regularizer):
-        check_choice(regularizer, "regularizer", REGULARIZERS)
+        check_choice(regularizer, "regularizer", (*REGULARIZERS, LEARNED))
     if share.shape != (n_maps,) or not np.isfinite(share).all() or (share < 0).any() or not share.any():
         raise ValueError(f"sample_weight must be {n_maps} finite, non-negative numbers, not all zero; got {share}.")

@@ -1,12 +1,23 @@
 """The deformation model: which entries of a functional map are expected to be small."""
 
 from collections.abc import Callable
+from dataclasses import dataclass
 
 import numpy as np
+from scipy.ndimage import gaussian_filter
 
 from skfmap._typing import FloatArray
 
-__all__ = ["DIAGONAL_FLOOR", "REGULARIZERS", "laplacian_mask", "penalty_of"]
+__all__ = [
+    "DIAGONAL_FLOOR",
+    "LEARNED",
+    "REGULARIZERS",
+    "LearnedMask",
+    "laplacian_mask",
+    "learned_mask",
+    "penalty_of",
+    "resolvent_mask",
+]
 
 DIAGONAL_FLOOR = 1e-5
 """Added to W * W, so that row systems stay definite where W vanishes and no probe sees a function."""
@@ -22,7 +33,57 @@ def laplacian_mask(evals_i: FloatArray, evals_0: FloatArray) -> FloatArray:
     return (evals_i[:, None] - evals_0[None, :]) / evals_0[-1]
 
 
-REGULARIZERS: dict[str, Regularizer] = {"laplacian": laplacian_mask}
+def resolvent_mask(evals_i: FloatArray, evals_0: FloatArray) -> FloatArray:
+    """Return W of the commutator with the resolvents (Ren et al. 2019, gamma = 1/2), shape (k_i, k_0).
+
+    Unlike the Laplacian's it stays bounded, and so leaves the upper functions freer.
+    """
+    roots = [np.sqrt(np.maximum(evals, 0) / evals_0[-1]) for evals in (evals_i, evals_0)]
+    real, imaginary = zip(*((x / (1 + x**2), 1 / (1 + x**2)) for x in roots), strict=True)
+    return np.hypot(*(part[0][:, None] - part[1][None, :] for part in (real, imaginary)))
+
+
+@dataclass(frozen=True, eq=False)
+class LearnedMask:
+    """W that known maps have taught: large where their entries are small.
+
+    Attributes
+    ----------
+    mask : ndarray of shape (k, k)
+        W, whatever the eigenvalues.
+    """
+
+    mask: FloatArray
+
+    def __call__(self, evals_i: FloatArray, evals_0: FloatArray) -> FloatArray:  # noqa: ARG002
+        """Return W."""
+        return self.mask
+
+
+def learned_mask(maps: FloatArray, sample_weight: FloatArray | None = None) -> LearnedMask:
+    """Return W whose square is one over the mean square of each entry of the known maps, averaged over neighbours.
+
+    That is the prior of Gaussian entries with those variances, which the size of a real deformation sets rather than a
+    perfect isometry.
+
+    Parameters
+    ----------
+    maps : ndarray of shape (N, k, k)
+        Known functional maps.
+    sample_weight : ndarray of shape (N,), optional
+        Share of each.
+
+    Returns
+    -------
+    LearnedMask
+        A regulariser.
+    """
+    variance = gaussian_filter(np.average(np.square(maps), axis=0, weights=sample_weight), 1.0, mode="nearest")
+    return LearnedMask(np.sqrt(1e-3 / (variance + 1e-4)))
+
+
+REGULARIZERS: dict[str, Regularizer] = {"laplacian": laplacian_mask, "resolvent": resolvent_mask}
+LEARNED = "learned"
 
 
 def penalty_of(evals_i: FloatArray, evals_0: FloatArray, alpha: float, regularizer: str | Regularizer) -> FloatArray:
