@@ -63,6 +63,8 @@ class ErrorModel:
         Mean error of training shapes around each vertex of the reference.
     cross_validated : bool
         Whether errors are those of shapes that were left out of the learning.
+    mean_error : float
+        Mean error of the training shapes.
     """
 
     mean: FloatArray
@@ -73,6 +75,7 @@ class ErrorModel:
     confidence: FloatArray
     reference_errors: FloatArray
     cross_validated: bool
+    mean_error: float
 
     def predict(self, signs: FloatArray, p2p: IntArray) -> tuple[FloatArray, FloatArray]:
         """Return expected error and confidence of each vertex; beyond the knots the last value holds."""
@@ -206,7 +209,8 @@ def fit_error_model(observations: Sequence[Observation], watch: Watch, *, cross_
     error = IsotonicRegression(increasing=True, out_of_bounds="clip").fit(rank, errors, weights)
     hit = IsotonicRegression(increasing=False, out_of_bounds="clip").fit(rank, errors <= TOLERANCE, weights)
     expected, confidence = np.asarray(error.predict(knots)), np.asarray(hit.predict(knots))
-    return ErrorModel(mean, scale, coefficients, knots, expected, confidence, errors_0, cross_validated)
+    overall = float(np.average(errors, weights=weights))
+    return ErrorModel(mean, scale, coefficients, knots, expected, confidence, errors_0, cross_validated, overall)
 
 
 def _by_vertex(observation: Observation, n_watched: int) -> tuple[FloatArray, FloatArray]:

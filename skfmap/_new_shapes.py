@@ -44,6 +44,7 @@ def match_shape(
         refined_map=after.refined_map,
         n_supporting=count_supporting(matcher, shape, after),
         matrix=_matrix(matcher, after, interpolate),
+        inverse=after.inverse,
     )
 
 

@@ -5,16 +5,17 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import Any, Self
 
 import numpy as np
-from sklearn.base import BaseEstimator
+from sklearn.base import BaseEstimator, clone
 from sklearn.exceptions import ConvergenceWarning
 from sklearn.utils import Tags
 from sklearn.utils.validation import check_is_fitted
 
+from skfmap._bridge import choose_bridge, cross, cross_over, pays
 from skfmap._calibration import calibrate
 from skfmap._callbacks import CallbackSupportMixin, FitTask, with_callbacks
 from skfmap._handedness import warn_of_mirrored_shapes, warn_of_mirrored_training_shapes
 from skfmap._inputs import check_correspondences, check_same_probes, check_sample_weight, check_shapes, place
-from skfmap._matching import MATCHINGS, REFINEMENTS, Matcher, Settings, learned_map
+from skfmap._matching import MATCHINGS, REFINEMENTS, UNREFINED, Matcher, Settings, learned_map
 from skfmap._medoid import medoid_index
 from skfmap._new_shapes import INTERPOLATIONS, match_shape, point_map
 from skfmap._parallel import map_shapes, single_threaded, tell
@@ -77,6 +78,11 @@ class WeightedFunctionalMapLearner(CallbackSupportMixin, Versioned, BaseEstimato
         eigenfunctions that `SpectralBasis` holds, each fitted to the point maps of both directions, with functions
         weighted by what the training shapes showed. ``"zoomout"`` (Melzi et al. 2019) and ``"icp"`` (Ovsjanikov et al.
         2012) are as published. On a shape of 5,000 vertices a step takes 0.3 s; there are eleven by default.
+    bridge : {"auto"}, str or None, default=None
+        Whether points go to the reference through a training shape that is near, whose own correspondence is known:
+        for a reference that is very different from the rest. ``"auto"`` chooses the training shape, learns the maps to
+        it as well, and keeps to whichever way has the lower error on training shapes left out; a name takes that shape
+        without asking. The model then holds a second mesh, and `fit` takes twice as long.
     reference : str, default="first"
         ``"first"``: the first training shape. ``"medoid"``: the training shape whose geodesic distances differ least
         from all others'. Else the name of a training shape.
@@ -116,6 +122,10 @@ class WeightedFunctionalMapLearner(CallbackSupportMixin, Versioned, BaseEstimato
         weighs functions by.
     truncation_covariance_ : ndarray of shape (n_components, n_components)
         The same for the known maps in all functions held, which err by their cut alone: what refinement goes by.
+    bridge_ : WeightedFunctionalMapLearner or None
+        The learner whose reference is the bridge, if points go through one.
+    bridge_errors_ : dict
+        Mean errors on training shapes left out, ``"direct"`` and ``"bridge"``; empty if no bridge was looked for.
     error_models_ : dict
         What error to expect of a match, for ``"unrefined"`` ones and for those refined as ``refine`` says.
 
@@ -160,6 +170,7 @@ class WeightedFunctionalMapLearner(CallbackSupportMixin, Versioned, BaseEstimato
         n_stable: float | None = None,
         matching: str = "soft",
         refine: str | None = None,
+        bridge: str | None = None,
         reference: str = "first",
         max_iter: int = 1000,
         tol: float = 1e-5,
@@ -176,6 +187,7 @@ class WeightedFunctionalMapLearner(CallbackSupportMixin, Versioned, BaseEstimato
         self.n_stable = n_stable
         self.matching = matching
         self.refine = refine
+        self.bridge = bridge
         self.reference = reference
         self.max_iter = max_iter
         self.tol = tol
@@ -243,6 +255,7 @@ class WeightedFunctionalMapLearner(CallbackSupportMixin, Versioned, BaseEstimato
             n_jobs=self.n_jobs,
         )
         warn_of_mirrored_training_shapes(training)
+        fitted |= self._fit_bridge(training, [truths[i] for i in range(len(shapes)) if i != index], fitted)
         self.__dict__.update(fitted)  # at once, so that an interrupted fit leaves nothing behind
         task.end(fitted)
         return self
@@ -310,6 +323,10 @@ class WeightedFunctionalMapLearner(CallbackSupportMixin, Versioned, BaseEstimato
         check_choice(interpolate, "interpolate", INTERPOLATIONS)
         matcher = self._matcher(refine=refine)
         warn_of_mirrored_shapes(matcher, shapes)
+        if self.bridge_ is not None:
+            near = self.bridge_.match(shapes, refine=refine, interpolate=interpolate)
+            direct = self.functional_maps(shapes)
+            return [cross(one, C, matcher, self._across) for one, C in zip(near, direct, strict=True)]
         arguments = ((matcher, self.error_models_, shape, interpolate) for shape in shapes)
         return list(map_shapes(match_shape, arguments, n_jobs=self.n_jobs, verbose=0))
 
@@ -342,6 +359,9 @@ class WeightedFunctionalMapLearner(CallbackSupportMixin, Versioned, BaseEstimato
             Vertex of the reference for each vertex of S_i.
         """
         shapes = self._check_new(X)
+        if self.bridge_ is not None:
+            near = self.bridge_.point_maps(shapes, matching=matching, n_stable=n_stable, refine=refine)
+            return [self._across.p2p[p2p] for p2p in near]
         matcher = self._matcher(matching=matching, n_stable=n_stable, refine=refine)
         arguments = ((matcher, shape) for shape in shapes)
         return list(map_shapes(point_map, arguments, n_jobs=self.n_jobs, verbose=0))
@@ -458,6 +478,47 @@ class WeightedFunctionalMapLearner(CallbackSupportMixin, Versioned, BaseEstimato
         known = known_maps(others, reference, joins, self.n_functions, memory=self.memory, n_jobs=self.n_jobs)
         return Training(index, reference, truths[index], others, joins, known, share[rest])
 
+    def _fit_bridge(
+        self, training: Training, truths: Sequence[Correspondence], fitted: dict[str, Any]
+    ) -> dict[str, Any]:
+        """Learn the maps to a training shape that is near as well, if asked, and find out whether that pays."""
+        place = self._bridge_index(training, truths)
+        if place is None:
+            return {"bridge_": None, "bridge_errors_": {}, "_across": None}
+        shape = training.shapes[place]
+        self._tell(f"learning the maps to {label(shape.name, 'shape')} as well")
+        rest = [i for i in range(len(truths)) if i != place]
+        inner = clone(self).set_params(reference="first", bridge=None, verbose=0)
+        inner.fit(
+            [shape, *(training.shapes[i] for i in rest)],
+            [truths[place], *(truths[i] for i in rest)],
+            [1.0, *training.share[rest]],
+        )
+        kind = self.refine or UNREFINED
+        errors = {
+            "direct": fitted["error_models_"][kind].mean_error,
+            "bridge": inner.error_models_[kind].mean_error,
+        }
+        self._tell(f"errors on shapes left out: {errors['direct']:.4f} directly, {errors['bridge']:.4f} by the bridge")
+        if self.bridge == "auto" and not pays(errors["direct"], errors["bridge"]):
+            return {"bridge_": None, "bridge_errors_": errors, "_across": None}
+        meshes = shape.spectral.mesh, training.reference.spectral.mesh
+        across = cross_over(*meshes, training.joins[place], self.memory)
+        return {"bridge_": inner, "bridge_errors_": errors, "_across": across}
+
+    def _bridge_index(self, training: Training, truths: Sequence[Correspondence]) -> int | None:
+        if self.bridge is None:
+            return None
+        if self.bridge == "auto":
+            return choose_bridge(training, truths, self.n_functions)
+        names = [shape.name for shape in training.shapes]
+        if names.count(self.bridge) != 1 or len(names) < 2:
+            raise ValueError(
+                f"bridge={self.bridge!r} must name exactly one of the training shapes beside the reference, and leave "
+                f"another to learn from; got {names}."
+            )
+        return names.index(self.bridge)
+
     def _options(self, reference: ProbedShape) -> dict[str, Any]:
         """Return the parameters of `learn_functional_maps`."""
         return {
@@ -514,6 +575,9 @@ class WeightedFunctionalMapLearner(CallbackSupportMixin, Versioned, BaseEstimato
             "reference_correspondence_": training.truth_0,
             "probe_names_": np.array(reference.probe_names, dtype=object),
             "probe_categories_": np.array(reference.probe_categories, dtype=object),
+            "bridge_": None,
+            "bridge_errors_": {},
+            "_across": None,
             "error_models_": {},
             "_settings": settings,
         }

@@ -9,6 +9,7 @@ __all__ = ["TRUSTED_TYPES", "load_model", "save_model"]
 TRUSTED_TYPES = (
     "scipy.sparse._csc.csc_array",
     "scipy.sparse._csr.csr_array",
+    "skfmap._bridge.Across",
     "skfmap._confidence.ErrorModel",
     "skfmap._matching.Settings",
     "skfmap.basis.SpectralBasis",

@@ -481,6 +481,8 @@ class Match:
     matrix : sparse array of shape (n_vertices_i, n_vertices_0)
         The point map as a matrix whose rows sum to 1: with one entry each, or barycentric or soft if asked. It pulls
         functions on S_0 back to S_i.
+    inverse : ndarray of int, shape (n_vertices_0,)
+        Point map of the other direction: vertex of S_i for each vertex of S_0, found in the same embedding.
     """
 
     p2p: IntArray
@@ -493,6 +495,7 @@ class Match:
     refined_map: FloatArray | None = None
     n_supporting: IntArray | None = None
     matrix: SparseMatrix | Any = None
+    inverse: IntArray | Any = None
 
     def transfer(self, values: object, *, max_error: float | None = None) -> Any:
         """Carry a function, labels, a segmentation or texture coordinates from the reference to this shape.
@@ -545,6 +548,34 @@ class Match:
             carried = self._vote(given)
         doubtful = np.zeros(len(carried), dtype=bool) if max_error is None else self.expected_error > max_error
         return np.ma.MaskedArray(carried, np.broadcast_to(doubtful.reshape(-1, *[1] * (given.ndim - 1)), carried.shape))
+
+    def to(self, other: "Match") -> tuple[IntArray, FloatArray]:
+        """Return the point map from this shape to another that was matched to the same reference.
+
+        Parameters
+        ----------
+        other : Match
+            Of the other shape.
+
+        Returns
+        -------
+        p2p : ndarray of int, shape (n_vertices_i,)
+            Vertex of the other shape for each vertex of this one.
+        expected_error : ndarray of shape (n_vertices_i,)
+            Sum of the errors expected on both ways, in units of sqrt(area).
+
+        Raises
+        ------
+        ValueError
+            If the two were matched to different references.
+        """
+        if other.reference_name != self.reference_name or other.matrix.shape[1] != self.matrix.shape[1]:
+            raise ValueError(
+                f"Both shapes must be matched to one reference; got {self.reference_name!r} and "
+                f"{other.reference_name!r}."
+            )
+        p2p = other.inverse[self.p2p]
+        return p2p, self.expected_error + other.expected_error[p2p]
 
     def _vote(self, labels: Any) -> Any:
         """Return the label of most weight at each vertex; the first in order among equals."""

@@ -22,6 +22,7 @@ def test_a_new_mirrored_shape_is_found_out(fitted, mirrored, probed):
         fitted.match([mirrored[0], probed[5], mirrored[1]])
 
 
+@pytest.mark.filterwarnings("ignore::sklearn.exceptions.ConvergenceWarning")
 def test_a_mirrored_training_shape_is_found_out(make_learner, mirrored, probed, collection):
     with pytest.warns(OrientationWarning, match=r"The correspondences of 'mirrored body4' take left for right"):
         make_learner(max_iter=5).fit([*probed[:4], mirrored[0]], collection.truths[:5])

@@ -1,0 +1,147 @@
+"""Through a training shape that is near: its own correspondence to the reference is known."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any, NamedTuple
+
+import numpy as np
+import scipy.sparse as sp
+
+from skfmap._caching import cached, hash_of_arrays
+from skfmap._matching import Matcher
+from skfmap._training import Training
+from skfmap._typing import FloatArray, IntArray
+from skfmap.functional.ground_truth import map_from_pairs
+from skfmap.functional.regularization import laplacian_mask
+from skfmap.functional.residuals import residual_covariance
+from skfmap.geometry.geodesics import farthest_vertices, heat_distances
+from skfmap.shapes import Correspondence, JoinedPairs, Match, Mesh
+
+__all__ = ["Across", "choose_bridge", "cross", "cross_over", "extend_pairs", "pays"]
+
+# A bridge is taken only if errors on shapes left out are lower by more than their noise.
+_WORTH = 0.9
+# Landmarks between which correspondences are interpolated, and how many of them place a vertex.
+_N_LANDMARKS = 500
+_N_NEAREST = 6
+
+
+def pays(direct: float, through: float) -> bool:
+    """Return whether errors through a bridge are lower than direct ones by a margin."""
+    return through < _WORTH * direct
+
+
+def choose_bridge(training: Training, truths: Sequence[Correspondence], k: int) -> int | None:
+    """Return the training shape in whose functions the others' known maps leave the least, or None if there is one.
+
+    Parameters
+    ----------
+    training : Training
+        Training shapes; those of no share are not considered.
+    truths : sequence of Correspondence
+        Where they lie on the template.
+    k : int
+        Number of functions.
+
+    Returns
+    -------
+    int or None
+        Place in ``training.shapes``.
+    """
+    used = np.flatnonzero(training.share > 0)
+    if len(used) < 3:
+        return None
+    places = [int(place) for place in used]
+    left = [np.sum([_what_is_left(training, truths, i, j, k) for i in places if i != j]) for j in places]
+    return places[int(np.argmin(left))]
+
+
+def _what_is_left(training: Training, truths: Sequence[Correspondence], i: int, j: int, k: int) -> float:
+    """Return the mean squared residual of the known map from functions on shape j to functions on shape i."""
+    join = truths[i].join(truths[j])
+    if len(np.unique(join.vertices_i)) < k:
+        return np.inf
+    spectral_i, spectral_j = training.shapes[i].spectral, training.shapes[j].spectral
+    evecs_i, evecs_j = spectral_i.evecs[join.vertices_i, :k], spectral_j.evecs[join.vertices_0, :k]
+    areas = join.weights / join.weights.sum()
+    C = map_from_pairs(evecs_i, evecs_j, areas, laplacian_mask(spectral_i.evals[:k], spectral_j.evals[:k])).C
+    return float(np.trace(residual_covariance(evecs_i, evecs_j, areas, C)))
+
+
+def extend_pairs(mesh_i: Mesh, mesh_0: Mesh, join: JoinedPairs, memory: Any = None) -> tuple[IntArray, FloatArray]:
+    """Extend known pairs to all vertices, along the surfaces.
+
+    A vertex without a partner goes where the distances to the partners of the landmarks nearest to it are most like its
+    own distances to them. Nothing passes through space, so that fingers stay apart.
+
+    Parameters
+    ----------
+    mesh_i, mesh_0 : Mesh
+        The two shapes.
+    join : JoinedPairs
+        Known pairs.
+    memory : None, str or joblib.Memory
+        Where the result is cached.
+
+    Returns
+    -------
+    p2p : ndarray of int, shape (n_vertices_i,)
+        Vertex of S_0 for each vertex of S_i.
+    uncertainty : ndarray of shape (n_vertices_i,)
+        Root mean square disagreement of those distances at unit area; 0 at known pairs.
+    """
+    pairs = (join.vertices_i, join.vertices_0)
+    key = hash_of_arrays(mesh_i.vertices, mesh_i.faces, mesh_0.vertices, mesh_0.faces, *pairs)
+    p2p, uncertainty = cached(_extend, memory)((mesh_i, mesh_0, *pairs), key)
+    return p2p, uncertainty
+
+
+def _extend(what: tuple[Mesh, Mesh, IntArray, IntArray], content_hash: str) -> tuple[IntArray, FloatArray]:  # noqa: ARG001
+    mesh_i, mesh_0, vertices_i, vertices_0 = what
+    known, first = np.unique(vertices_i, return_index=True)
+    chosen = farthest_vertices(mesh_i.vertices, mesh_i.faces, known, _N_LANDMARKS)
+    partners = vertices_0[first[np.searchsorted(known, chosen)]]
+    distances_i = heat_distances(mesh_i.vertices / np.sqrt(mesh_i.area), mesh_i.faces, chosen)
+    distances_0 = heat_distances(mesh_0.vertices / np.sqrt(mesh_0.area), mesh_0.faces, partners)
+    n_nearest = min(_N_NEAREST, len(chosen))
+    nearest = np.argpartition(distances_i, n_nearest - 1, axis=0)[:n_nearest].T
+    p2p, uncertainty = np.empty(mesh_i.n_vertices, dtype=np.int64), np.zeros(mesh_i.n_vertices)
+    for vertex, landmarks in enumerate(nearest):
+        own = distances_i[landmarks, vertex]
+        weights = 1 / (own + 1e-3) ** 2
+        cost = (weights / weights.sum()) @ np.square(distances_0[landmarks] - own[:, None])
+        p2p[vertex] = np.argmin(cost)
+        uncertainty[vertex] = np.sqrt(cost[p2p[vertex]])
+    p2p[known], uncertainty[known] = vertices_0[first], 0.0
+    return p2p, uncertainty
+
+
+class Across(NamedTuple):
+    """From the bridge to the reference: point map, its uncertainty, and the point map back."""
+
+    p2p: IntArray
+    uncertainty: FloatArray
+    inverse: IntArray
+
+
+def cross_over(bridge: Mesh, reference: Mesh, join: JoinedPairs, memory: Any = None) -> Across:
+    """Extend the known pairs of the bridge and the reference, both ways."""
+    back = JoinedPairs(join.vertices_0, join.vertices_i, join.points, join.weights)
+    return Across(*extend_pairs(bridge, reference, join, memory), extend_pairs(reference, bridge, back, memory)[0])
+
+
+def cross(match: Match, C: FloatArray, matcher: Matcher, across: Across) -> Match:
+    """Return the match to the reference that a match to the bridge makes; ``C`` is the direct functional map."""
+    n_j, n_0 = len(across.p2p), matcher.reference.spectral.mesh.n_vertices
+    step = sp.coo_array((np.ones(n_j), (np.arange(n_j), across.p2p)), shape=(n_j, n_0)).tocsr()
+    return replace(
+        match,
+        p2p=across.p2p[match.p2p],
+        expected_error=match.expected_error + across.uncertainty[match.p2p],
+        functional_map=C,
+        reduced_map=C @ matcher.stable_basis[:, : matcher.settings.n_stable],
+        reference_name=matcher.reference.name,
+        refined_map=None,
+        matrix=match.matrix @ step,
+        inverse=match.inverse[across.inverse],
+    )

@@ -1,0 +1,129 @@
+"""Matches through a training shape that is near, and between shapes of a collection."""
+
+import pickle
+
+import numpy as np
+import pytest
+from sklearn.base import clone
+
+import skfmap
+from skfmap import Correspondence
+from skfmap._bridge import choose_bridge, extend_pairs, pays
+from skfmap.datasets import make_sphere
+from skfmap.geometry.geodesics import exact_distances
+
+
+@pytest.fixture(scope="module")
+def through(make_learner, probed, collection):
+    """Return a learner that is told to go through body2."""
+    return make_learner(bridge="body2").fit(probed[:5], collection.truths[:5])
+
+
+def test_known_pairs_are_kept_and_the_rest_lies_between_them():
+    sphere = make_sphere(4)
+    some = np.arange(0, sphere.n_vertices, 15)
+    pairs = Correspondence(np.column_stack([some, some]))
+    p2p, uncertainty = extend_pairs(sphere, sphere, pairs.join(pairs))
+    np.testing.assert_array_equal(p2p[some], some)
+    assert uncertainty[some].max() == 0
+    unit = sphere.vertices / np.sqrt(sphere.area)
+    off = np.diag(exact_distances(unit, sphere.faces, np.arange(100))[:, p2p[:100]])
+    spacing = np.sqrt(1 / len(some))
+    assert off.mean() < 0.15 * spacing
+
+
+def test_pairs_are_extended_along_the_surface_and_not_through_space():
+    """Two fingers, side by side: a vertex of one never goes to the other."""
+    n = 40
+    x = np.r_[np.linspace(0, 1, n), np.linspace(1, 0, n)]  # a strip folded back on itself
+    z = np.r_[np.zeros(n), np.full(n, 0.02)]
+    rows = [np.column_stack([x, np.full(2 * n, y), z]) for y in (0.0, 0.05, 0.1)]
+    grid = np.arange(6 * n).reshape(3, 2 * n)
+    a, b, c, d = grid[:-1, :-1], grid[:-1, 1:], grid[1:, 1:], grid[1:, :-1]
+    faces = np.concatenate([np.stack([a, b, c], -1).reshape(-1, 3), np.stack([a, c, d], -1).reshape(-1, 3)])
+    strip = skfmap.Mesh(np.concatenate(rows), faces)
+    some = grid[:, ::8].ravel()
+    pairs = Correspondence(np.column_stack([some, some]))
+    p2p, _ = extend_pairs(strip, strip, pairs.join(pairs))
+    own, image = np.arange(6 * n) % (2 * n), p2p % (2 * n)
+    assert np.abs(own - image).max() <= 2
+
+
+def test_matches_through_a_bridge_reach_the_reference(through, make_learner, probed, collection):
+    assert through.bridge_.reference_.name == "body2"
+    assert through.bridge_errors_.keys() == {"direct", "bridge"}
+    (match,) = through.match(probed[5:], interpolate="barycentric")
+    plain = make_learner().fit(probed[:5], collection.truths[:5])
+    n_0 = probed[0].spectral.mesh.n_vertices
+    assert match.reference_name == "body0"
+    assert match.matrix.shape == (len(match.p2p), n_0)
+    np.testing.assert_allclose(match.matrix.sum(axis=1), 1)
+    np.testing.assert_array_equal(match.p2p, through.point_maps(probed[5:])[0])
+    np.testing.assert_array_equal(match.functional_map, plain.functional_maps(probed[5:])[0])
+    (errors,) = through.pair_errors(probed[5:], collection.truths[5:])
+    assert errors.mean() < 0.06
+    assert -through.score(probed[5:], collection.truths[5:]) == errors.mean()
+    assert (match.expected_error >= through.bridge_.match(probed[5:])[0].expected_error).all()
+
+
+def test_a_bridge_is_dropped_where_it_does_not_pay(make_learner, probed, collection):
+    learner = make_learner(bridge="auto").fit(probed[:5], collection.truths[:5])
+    assert pays(1.0, 0.5)
+    assert not pays(1.0, 0.95)
+    assert (learner.bridge_ is not None) == pays(*(learner.bridge_errors_[way] for way in ("direct", "bridge")))
+    plain = make_learner().fit(probed[:5], collection.truths[:5])
+    assert plain.bridge_errors_ == {}
+    if learner.bridge_ is None:
+        np.testing.assert_array_equal(learner.match(probed[5:])[0].p2p, plain.match(probed[5:])[0].p2p)
+
+
+def test_a_reference_unlike_the_rest_is_reached_through_a_bridge(make_learner, probe, collection):
+    """The reference is a ball, the others are bodies: their known maps are far from isometries."""
+    ball = collection.meshes[0]
+    radius = np.linalg.norm(ball.vertices, axis=1, keepdims=True)
+    directions = ball.vertices / radius
+    stretched = skfmap.Mesh(directions * (1 + 0.9 * directions[:, :1] ** 3) * [1, 0.5, 2.0], ball.faces, name="odd")
+    shapes = probe([stretched, *collection.meshes[1:5]])
+    learner = make_learner(bridge="auto").fit(shapes, collection.truths[:5])
+    assert learner.bridge_errors_["bridge"] < learner.bridge_errors_["direct"]
+
+
+def test_the_bridge_is_the_shape_that_leaves_least(make_learner, probed, collection):
+    learner = make_learner(weighting=None)
+    truths = collection.truths[:5]
+    training = learner._training(0, probed[:5], truths, np.ones(5))
+    place = choose_bridge(training, truths[1:], 12)
+    assert probed[1 + place].name in {"body1", "body2"}  # twisted by -0.1 and 0.1; the others by 0.15 and -0.15
+    few = learner._training(0, probed[:3], truths[:3], np.ones(3))
+    assert choose_bridge(few, truths[1:3], 12) is None
+
+
+@pytest.mark.parametrize("name", ["body0", "nobody"])
+def test_a_bridge_must_be_a_training_shape(make_learner, probed, collection, name):
+    with pytest.raises(ValueError, match=r"bridge=.* must name exactly one of the training shapes"):
+        make_learner(bridge=name, max_iter=3, tol=1e9).fit(probed[:4], collection.truths[:4])
+
+
+def test_a_learner_with_a_bridge_is_saved_and_cloned(through, probed, tmp_path):
+    again = pickle.loads(pickle.dumps(through))
+    np.testing.assert_array_equal(again.match(probed[5:])[0].p2p, through.match(probed[5:])[0].p2p)
+    assert clone(through).bridge == "body2"
+
+
+def test_any_shape_maps_to_any_other_of_the_collection(fitted, probed, collection):
+    first, second = fitted.match(probed[4:])
+    p2p, expected = first.to(second)
+    assert p2p.shape == first.p2p.shape
+    assert p2p.max() < probed[5].spectral.mesh.n_vertices
+    assert (expected >= first.expected_error).all()
+    joined = collection.truths[4].join(collection.truths[5])
+    vertices = probed[5].spectral.vertices
+    off = np.linalg.norm(vertices[p2p[joined.vertices_i]] - vertices[joined.vertices_0], axis=1)
+    assert off.mean() < 0.06
+
+
+def test_shapes_matched_to_unequal_references_do_not_compose(fitted, through, probed):
+    (first,) = fitted.match(probed[5:])
+    (second,) = through.bridge_.match(probed[5:])
+    with pytest.raises(ValueError, match="matched to one reference"):
+        first.to(second)
