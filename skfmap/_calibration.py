@@ -8,7 +8,7 @@ from skfmap._confidence import ErrorModel, Observation, Watch, fit_error_model, 
 from skfmap._matching import UNREFINED, Matcher, match_points
 from skfmap._parallel import map_shapes
 from skfmap._training import Training, learn_from_rows, learning_arrays, matcher_from
-from skfmap._typing import IntArray
+from skfmap._typing import FloatArray, IntArray
 from skfmap.shapes import JoinedPairs, ProbedShape
 
 __all__ = ["calibrate"]
@@ -47,7 +47,7 @@ def calibrate(
     left_out = [used[f::n_folds] for f in range(n_folds)]
     matchers = [whole] if n_folds == 1 else _matchers_without(training, left_out, whole, options, n_jobs)
     arguments = (
-        (matcher, training.shapes[i], training.joins[i], watch)
+        (matcher, training.shapes[i], training.joins[i], training.known[i].areas, watch)
         for matcher, rows in zip(matchers, left_out, strict=True)
         for i in rows
     )
@@ -78,7 +78,9 @@ def _matchers_without(
     ]
 
 
-def _observe_all(matcher: Matcher, shape: ProbedShape, join: JoinedPairs, watch: Watch) -> dict[str, Observation]:
+def _observe_all(
+    matcher: Matcher, shape: ProbedShape, join: JoinedPairs, areas: FloatArray, watch: Watch
+) -> dict[str, Observation]:
     before, after = match_points(matcher, shape)
     kinds = {UNREFINED: before, matcher.settings.refine or UNREFINED: after}
-    return {kind: observe(matcher, shape, join, match, watch) for kind, match in kinds.items()}
+    return {kind: observe(matcher, shape, join, areas, match, watch) for kind, match in kinds.items()}

@@ -115,9 +115,11 @@ def _distances_from_some(where: tuple[Mesh, IntArray], content_hash: str) -> tup
     return chosen, heat_distances(mesh.vertices / np.sqrt(mesh.area), mesh.faces, chosen)
 
 
-def observe(matcher: Matcher, shape: ProbedShape, join: JoinedPairs, match: PointMatch, watch: Watch) -> Observation:
-    """Return signs and errors at the pairs of a training shape whose true vertex is watched."""
-    rows = np.flatnonzero(np.isin(join.vertices_0, watch.vertices))
+def observe(
+    matcher: Matcher, shape: ProbedShape, join: JoinedPairs, areas: FloatArray, match: PointMatch, watch: Watch
+) -> Observation:
+    """Return signs and errors at the pairs of a training shape that lead to watched vertices and have an area."""
+    rows = np.flatnonzero(np.isin(join.vertices_0, watch.vertices) & (areas > 0))
     at = join.vertices_i[rows]
     watched = np.searchsorted(watch.vertices, join.vertices_0[rows])
     matched = match.p2p[at]

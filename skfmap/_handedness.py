@@ -54,9 +54,9 @@ def warn_of_mirrored_shapes(matcher: Matcher, shapes: Sequence[ProbedShape]) -> 
     ]
     if suspects:
         warnings.warn(
-            f"{', '.join(suspects)} fit the reference much better as mirror images: left may be taken for right "
-            "there. Check that the mesh is not mirrored or inside out (a scan with one axis negated, or faces wound "
-            "inwards on an open surface).",
+            f"As mirror images, these shapes fit the reference much better: {', '.join(suspects)}. Left may be taken "
+            "for right there; check that the mesh is not mirrored or inside out (a scan with one axis negated, or "
+            "faces wound inwards on an open surface).",
             OrientationWarning,
             stacklevel=4,
         )

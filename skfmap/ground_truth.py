@@ -12,6 +12,7 @@ from skfmap._typing import FloatArray, IntArray
 from skfmap._validation import label
 from skfmap.exceptions import CorrespondenceError, CoverageWarning
 from skfmap.functional.ground_truth import map_from_pairs
+from skfmap.functional.outliers import wrong_pairs
 from skfmap.functional.regularization import laplacian_mask
 from skfmap.functional.residuals import residual_covariance
 from skfmap.geometry.geodesics import areas_of_landmarks
@@ -33,6 +34,10 @@ def join_with_reference(
     return joined
 
 
+# Share of pairs that may be left out without a word.
+_MANY = 0.02
+
+
 class KnownMap(NamedTuple):
     """What the known pairs of a shape and of the reference determine.
 
@@ -43,7 +48,9 @@ class KnownMap(NamedTuple):
     n_observed : int
         How many of the k functions the pairs determine.
     areas : ndarray of shape (n_pairs,)
-        Area of S_i that each pair stands for.
+        Area of S_i that each pair stands for; 0 for pairs that are left out as wrong.
+    n_wrong : int
+        How many pairs are left out.
     truncation : ndarray of shape (n_components, n_components)
         `residual_covariance` of the map that the pairs make in all functions held: what the cut costs.
     """
@@ -51,6 +58,7 @@ class KnownMap(NamedTuple):
     C: FloatArray
     n_observed: int
     areas: FloatArray
+    n_wrong: int
     truncation: FloatArray
 
 
@@ -113,6 +121,13 @@ def known_maps(
     arguments = ((s, reference, join, n_functions, memory) for s, join in zip(shapes, joins, strict=True))
     known: list[KnownMap] = map_shapes(_known_map, arguments, n_jobs=n_jobs, verbose=0)
     for shape, one in zip(shapes, known, strict=True):
+        if one.n_wrong > _MANY * len(one.areas):
+            warnings.warn(
+                f"{one.n_wrong} of the {len(one.areas)} pairs of {label(shape.name, 'shape')} lie far from where a "
+                "smooth map puts them and are left out; check its correspondence if that surprises you.",
+                CoverageWarning,
+                stacklevel=4,
+            )
         if one.n_observed < n_functions:
             warnings.warn(
                 f"The correspondences of {label(shape.name, 'shape')} determine {one.n_observed} of {n_functions} "
@@ -167,8 +182,14 @@ def _fit_pairs(pairs: _Pairs, content_hash: str) -> KnownMap:  # noqa: ARG001
     areas = areas_of_landmarks(pairs.mesh.vertices, pairs.mesh.faces, pairs.mass, landmarks)
     per_vertex = np.bincount(inverse, pairs.weights)
     share: FloatArray = areas[inverse] * pairs.weights / np.maximum(per_vertex[inverse], 1e-300)
-    truth = map_from_pairs(pairs.evecs_i[:, :k], pairs.evecs_0[:, :k], share, pairs.mask)
-    return KnownMap(truth.C, truth.n_observed, share, _truncation(pairs, share, n_distinct))
+    wrong = wrong_pairs(pairs.evecs_i, pairs.evecs_0, share)
+    share[wrong] = 0.0
+    right = pairs._replace(
+        vertices_i=pairs.vertices_i[~wrong], evecs_i=pairs.evecs_i[~wrong], evecs_0=pairs.evecs_0[~wrong]
+    )
+    truth = map_from_pairs(right.evecs_i[:, :k], right.evecs_0[:, :k], share[~wrong], pairs.mask)
+    truncation = _truncation(right, share[~wrong], min(n_distinct, len(np.unique(right.vertices_i))))
+    return KnownMap(truth.C, truth.n_observed, share, int(wrong.sum()), truncation)
 
 
 def _truncation(pairs: _Pairs, areas: FloatArray, n_distinct: int) -> FloatArray:

@@ -499,3 +499,17 @@ def test_parameters_set_after_fit_wait_for_the_next_fit(make_learner, probed, co
     before = learner.predict(probed[5:])
     learner.set_params(alpha=10.0, normalize="reference", matching="cut")
     np.testing.assert_array_equal(learner.predict(probed[5:]), before)
+
+
+def test_wrong_pairs_are_left_out_with_a_warning(make_learner, probed, collection):
+    rng = np.random.default_rng(0)
+    truths = list(collection.truths[:4])
+    pairs = truths[1].pairs.copy()
+    swapped = rng.choice(len(pairs), len(pairs) // 10, replace=False)
+    pairs[swapped, 0] = rng.permutation(pairs[swapped, 0])
+    truths[1] = Correspondence(pairs)
+    with pytest.warns(CoverageWarning, match=r"pairs of shape 'body1' lie far from where a smooth map puts them"):
+        noisy = make_learner(weighting=None).fit(probed[:4], truths)
+    clean = make_learner(weighting=None).fit(probed[:4], collection.truths[:4])
+    errors = [learner.pair_errors(probed[5:], collection.truths[5:])[0].mean() for learner in (noisy, clean)]
+    assert errors[0] < 1.1 * errors[1]

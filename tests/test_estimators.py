@@ -490,6 +490,7 @@ def test_units_change_no_match(model, collection, scale):
     assert (other.p2p == one.p2p).mean() >= 0.99
 
 
+@pytest.mark.filterwarnings("ignore::skfmap.exceptions.OrientationWarning")
 def test_a_mirrored_copy_is_another_shape(model, collection):
     """Faces of a mirrored copy are wound outwards again, so that oriented probes see the difference."""
     mesh = collection.meshes[5]

@@ -29,6 +29,7 @@ from skfmap.functional import (
     stable_basis,
     wave_kernel_signature,
     weight_groups,
+    wrong_pairs,
 )
 from skfmap.functional.regularization import DIAGONAL_FLOOR
 
@@ -390,3 +391,49 @@ def test_learning_goes_by_the_named_regularizer(regularizer):
     given = learn_functional_maps(*arguments, regularizer=mask)
     np.testing.assert_array_equal(named.maps, given.maps)
     assert not np.allclose(named.maps, learn_functional_maps(*arguments).maps)
+
+
+def test_the_prior_on_few_pairs_is_the_one_that_predicts_pairs_left_out():
+    """Against a search that leaves each pair out in turn."""
+    rng = np.random.default_rng(8)
+    evals = np.arange(8.0)
+    mask = laplacian_mask(evals, evals)
+    evecs_i = rng.standard_normal((20, 8))
+    evecs_0 = evecs_i + 0.5 * rng.standard_normal((20, 8))
+    areas = np.full(20, 1 / 20)
+    chosen = map_from_pairs(evecs_i, evecs_0, areas, mask).C
+
+    def fitted(rows, strength):
+        gram = (areas[rows, None] * evecs_i[rows]).T @ evecs_i[rows]
+        rhs = (areas[rows, None] * evecs_i[rows]).T @ evecs_0[rows]
+        penalty = strength * (mask**2 + 1e-6)
+        return np.stack([np.linalg.solve(gram + np.diag(p), r) for p, r in zip(penalty.T, rhs.T, strict=True)], axis=1)
+
+    def left_out(strength):
+        errors = [evecs_i[q] @ fitted(np.arange(20) != q, strength) - evecs_0[q] for q in range(20)]
+        return np.square(errors).sum()
+
+    strengths = (0.0, *np.geomspace(1e-4, 1.0, 9))
+    best = min(strengths, key=left_out)
+    assert best > 0
+    np.testing.assert_allclose(chosen, fitted(np.arange(20), best), atol=1e-9)
+
+
+@pytest.mark.parametrize("share", [0.05, 0.2])
+def test_random_pairs_among_right_ones_are_told(share):
+    rng = np.random.default_rng(9)
+    angle = np.sort(rng.uniform(0, 2 * np.pi, 600))
+    evecs = np.column_stack([np.ones(600), *(f(n * angle) for n in range(1, 11) for f in (np.cos, np.sin))])
+    bent = angle + 0.2 * np.sin(angle)
+    images = np.column_stack([np.ones(600), *(f(n * bent) for n in range(1, 11) for f in (np.cos, np.sin))])
+    wrong = rng.random(600) < share
+    mixed = np.where(wrong[:, None], images[rng.integers(0, 600, 600)], images)
+    found = wrong_pairs(evecs, mixed, np.ones(600))
+    assert found[wrong].mean() > 0.8
+    assert found[~wrong].mean() < 0.02
+    assert not wrong_pairs(evecs[:40], mixed[:40], np.ones(40)).any()  # too few to tell
+
+
+def test_nothing_is_wrong_with_a_renumbering():
+    evecs = np.random.default_rng(10).standard_normal((300, 12))
+    assert not wrong_pairs(evecs, evecs, np.ones(300)).any()

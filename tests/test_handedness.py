@@ -18,7 +18,7 @@ def mirrored(collection):
 
 
 def test_a_new_mirrored_shape_is_found_out(fitted, mirrored, probed):
-    with pytest.warns(OrientationWarning, match=r"'mirrored body4', 'mirrored body5' fit the reference much better"):
+    with pytest.warns(OrientationWarning, match=r"fit the reference much better: 'mirrored body4', 'mirrored body5'\."):
         fitted.match([mirrored[0], probed[5], mirrored[1]])
 
 

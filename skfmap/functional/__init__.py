@@ -9,6 +9,7 @@ from skfmap.functional.norm import epsilon_by_rule, rank_norm, rank_norm_and_gra
 from skfmap.functional.normalization import scale_by
 from skfmap.functional.objective import LearningProblem
 from skfmap.functional.optimize import Optimum, optimize_weights
+from skfmap.functional.outliers import wrong_pairs
 from skfmap.functional.projection import diffuse, project
 from skfmap.functional.refinement import map_from_point_maps, nearest_orthogonal
 from skfmap.functional.regularization import LearnedMask, laplacian_mask, learned_mask, penalty_of, resolvent_mask
@@ -51,4 +52,5 @@ __all__ = [
     "trusted_functions",
     "wave_kernel_signature",
     "weight_groups",
+    "wrong_pairs",
 ]

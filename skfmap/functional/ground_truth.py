@@ -12,8 +12,11 @@ __all__ = ["GroundTruth", "map_from_pairs"]
 _OBSERVED = 0.1
 # The same for the functions on S_0, whose areas the map may shrink; nil where whole parts stand on one point.
 _REACHED = 1e-3
-# Strength of the isometric prior on what the pairs do not determine.
-_PRIOR = 1e-2
+# Strengths of the isometric prior that are tried where pairs are few or leave functions undetermined.
+_STRENGTHS = tuple(np.geomspace(1e-4, 1.0, 9))
+# Distinct pairs per function beyond which no prior is needed.
+_PLENTY = 8
+_MOST_LEVERAGE = 0.99
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,8 +41,9 @@ def map_from_pairs(evecs_i: FloatArray, evecs_0: FloatArray, areas: FloatArray, 
 
     .. math:: \min_C \sum_q a_q \|\Phi_i(x_q)\, C - \Phi_0(T x_q)\|^2
 
-    Where the pairs leave functions on S_i undetermined (a partial correspondence), a slight pull towards maps that
-    commute with the Laplacian decides, and ``n_observed`` tells.
+    Where pairs are few (below eight per function) or leave functions on S_i undetermined (a partial correspondence), a
+    pull towards maps that commute with the Laplacian helps. Its strength is the one that best predicts pairs left out
+    one at a time; ``n_observed`` tells what the pairs alone determine.
 
     Parameters
     ----------
@@ -58,11 +62,26 @@ def map_from_pairs(evecs_i: FloatArray, evecs_0: FloatArray, areas: FloatArray, 
     weighted = areas[:, None] * evecs_i
     gram, rhs = weighted.T @ evecs_i, weighted.T @ evecs_0
     n_observed = min(_rank(gram, _OBSERVED), _rank(_target_gram(evecs_i, evecs_0, areas), _REACHED))
-    if n_observed == len(gram):
+    if n_observed == len(gram) and len(np.unique(evecs_i, axis=0)) > _PLENTY * len(gram):
         return GroundTruth(np.asarray(np.linalg.solve(gram, rhs)), n_observed)
-    systems = gram + _PRIOR * (mask.T[:, :, None] ** 2 + 1e-6) * np.eye(len(gram))
-    columns = np.linalg.solve(systems, rhs.T[:, :, None])
-    return GroundTruth(np.ascontiguousarray(columns[:, :, 0].T), n_observed)
+    penalties = mask**2 + 1e-6
+    strengths = (0.0, *_STRENGTHS) if n_observed == len(gram) else _STRENGTHS
+    trials = [_with_prior(evecs_i, evecs_0, areas, gram, rhs, strength * penalties) for strength in strengths]
+    return GroundTruth(trials[int(np.argmin([error for _, error in trials]))][0], n_observed)
+
+
+def _with_prior(
+    evecs_i: FloatArray, evecs_0: FloatArray, areas: FloatArray, gram: FloatArray, rhs: FloatArray, penalty: FloatArray
+) -> tuple[FloatArray, float]:
+    """Return the map under a prior, and its mean squared error at pairs that are left out one at a time."""
+    C, error = np.empty_like(gram), 0.0
+    for column, diagonal in enumerate(penalty.T):
+        inverse = np.linalg.inv(gram + np.diag(diagonal))
+        C[:, column] = inverse @ rhs[:, column]
+        leverage = areas * np.einsum("qi,ij,qj->q", evecs_i, inverse, evecs_i, optimize=True)
+        residuals = (evecs_i @ C[:, column] - evecs_0[:, column]) / (1 - np.minimum(leverage, _MOST_LEVERAGE))
+        error += float(areas @ residuals**2)
+    return C, error
 
 
 def _rank(gram: FloatArray, threshold: float) -> int:
