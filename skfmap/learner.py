@@ -366,6 +366,20 @@ class WeightedFunctionalMapLearner(CallbackSupportMixin, Versioned, BaseEstimato
         arguments = ((matcher, shape) for shape in shapes)
         return list(map_shapes(point_map, arguments, n_jobs=self.n_jobs, verbose=0))
 
+    def stability_function(self) -> FloatArray:
+        """Return how far learned maps miss each point of the reference, as a function to look at.
+
+        Returns
+        -------
+        ndarray of shape (n_vertices_0,)
+            Root of the sum over Y of squared (singular value times function), per training shape: the length of what
+            maps add to the row of a point in the embedding. Low where many functions agree.
+        """
+        check_is_fitted(self, "stable_basis_")
+        k = len(self.stable_basis_)
+        scaled = self.reference_.spectral.evecs[:, :k] @ (self.stable_basis_ * self.stability_)
+        return np.asarray(np.linalg.norm(scaled, axis=1) / np.sqrt(self._n_training))
+
     def pair_errors(
         self,
         X: Sequence[ProbedShape],
@@ -578,6 +592,7 @@ class WeightedFunctionalMapLearner(CallbackSupportMixin, Versioned, BaseEstimato
             "bridge_": None,
             "bridge_errors_": {},
             "_across": None,
+            "_n_training": float(training.share.sum()),
             "error_models_": {},
             "_settings": settings,
         }

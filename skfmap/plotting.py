@@ -11,7 +11,7 @@ from skfmap._validation import check_choice
 from skfmap.io import as_mesh
 from skfmap.shapes import Match, Mesh
 
-__all__ = ["plot_function", "plot_matches"]
+__all__ = ["plot_function", "plot_matches", "plot_reliability"]
 
 # Camera: rotation about the up axis and elevation above the ground, in degrees.
 _AZIMUTH, _ELEVATION = 60.0, 20.0
@@ -143,3 +143,45 @@ def _brightness(corners: FloatArray) -> FloatArray:
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     normals = normals / np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-300)
     return np.asarray(0.35 + 0.65 * np.abs(normals @ _LIGHT))
+
+
+def plot_reliability(expected: FloatArray, errors: FloatArray, *, n_bins: int = 10, ax: Any = None) -> Any:
+    """Draw expected errors against true ones: on the diagonal where the expectation is right.
+
+    Parameters
+    ----------
+    expected, errors : array-like of shape (n,)
+        Expected and true errors of vertices of shapes that the model has not seen.
+    n_bins : int, default=10
+        Bins of equally many vertices, by expected error.
+    ax : matplotlib Axes, optional
+        Where to draw; a new figure by default.
+
+    Returns
+    -------
+    matplotlib Axes
+        What was drawn on. Each bin shows its mean true error and the middle half of them.
+
+    Raises
+    ------
+    ValueError
+        If the two have unequal lengths or fewer entries than bins.
+    """
+    x, y = np.asarray(expected, dtype=np.float64), np.asarray(errors, dtype=np.float64)
+    if x.shape != y.shape or x.ndim != 1 or len(x) < n_bins:
+        raise ValueError(
+            f"expected and errors must be 1-D, equally long, and {n_bins} at least; got {x.shape}, {y.shape}."
+        )
+    from matplotlib import pyplot as plt  # noqa: PLC0415
+
+    drawn = plt.subplots(layout="constrained")[1] if ax is None else ax
+    parts = np.array_split(np.argsort(x, kind="stable"), n_bins)
+    middle, mean = (np.array([values[part].mean() for part in parts]) for values in (x, y))
+    low, high = (np.array([np.quantile(y[part], q) for part in parts]) for q in (0.25, 0.75))
+    drawn.fill_between(middle, low, high, alpha=0.25, color="#0072B2", linewidth=0, label="middle half")
+    drawn.plot(middle, mean, "o-", color="#0072B2", label="mean")
+    limit = 1.05 * max(middle.max(), high.max())
+    drawn.plot([0, limit], [0, limit], "--", color="0.5", label="as expected")
+    drawn.set(xlabel="expected error / sqrt(area)", ylabel="true error / sqrt(area)", xlim=(0, limit), ylim=(0, limit))
+    drawn.legend()
+    return drawn
