@@ -29,7 +29,7 @@ new_meshes, new_truths = creatures.meshes[7:], creatures.correspondences[7:]
 # The learner refines as it was told; ``refine=None`` shows the match before. Errors of both were calibrated during
 # `fit`, on training shapes that were left out of the learning in turn.
 learner, shapes = model[-1], model[:-1].transform(new_meshes)
-figure, axes = plt.subplots(1, 2, figsize=(9, 4), sharex=True, sharey=True, layout="constrained")
+figure, axes = plt.subplots(1, 2, figsize=(9, 4), layout="constrained")
 for ax, refine in zip(axes, (None, "bijective-zoomout"), strict=True):
     matches = skfmap.match(model, new_meshes, refine=refine)
     errors = learner.pair_errors(shapes, new_truths, refine=refine)
