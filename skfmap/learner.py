@@ -508,16 +508,15 @@ class WeightedFunctionalMapLearner(CallbackSupportMixin, Versioned, BaseEstimato
             [truths[place], *(truths[i] for i in rest)],
             [1.0, *training.share[rest]],
         )
+        across = cross_over(shape.spectral.mesh, training.reference.spectral.mesh, training.joins[place], self.memory)
         kind = self.refine or UNREFINED
         errors = {
             "direct": fitted["error_models_"][kind].mean_error,
-            "bridge": inner.error_models_[kind].mean_error,
+            "bridge": inner.error_models_[kind].mean_error + across.error,
         }
         self._tell(f"errors on shapes left out: {errors['direct']:.4f} directly, {errors['bridge']:.4f} by the bridge")
         if self.bridge == "auto" and not pays(errors["direct"], errors["bridge"]):
             return {"bridge_": None, "bridge_errors_": errors, "_across": None}
-        meshes = shape.spectral.mesh, training.reference.spectral.mesh
-        across = cross_over(*meshes, training.joins[place], self.memory)
         return {"bridge_": inner, "bridge_errors_": errors, "_across": across}
 
     def _bridge_index(self, training: Training, truths: Sequence[Correspondence]) -> int | None:

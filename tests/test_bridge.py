@@ -23,13 +23,25 @@ def test_known_pairs_are_kept_and_the_rest_lies_between_them():
     sphere = make_sphere(4)
     some = np.arange(0, sphere.n_vertices, 15)
     pairs = Correspondence(np.column_stack([some, some]))
-    p2p, uncertainty = extend_pairs(sphere, sphere, pairs.join(pairs))
+    p2p, uncertainty, error = extend_pairs(sphere, sphere, pairs.join(pairs))
     np.testing.assert_array_equal(p2p[some], some)
     assert uncertainty[some].max() == 0
     unit = sphere.vertices / np.sqrt(sphere.area)
     off = np.diag(exact_distances(unit, sphere.faces, np.arange(100))[:, p2p[:100]])
     spacing = np.sqrt(1 / len(some))
     assert off.mean() < 0.15 * spacing
+    assert error < 0.15 * spacing
+
+
+def test_the_error_of_an_extension_is_known_from_landmarks_placed_by_others(collection):
+    first, second = collection.truths[0], collection.truths[3]
+    given, asked = (first.restrict(range(start, 300, 2)).join(second.restrict(range(300))) for start in (0, 1))
+    mesh_i, mesh_0 = collection.meshes[0], collection.meshes[3]
+    p2p, uncertainty, error = extend_pairs(mesh_i, mesh_0, given)
+    distances = exact_distances(mesh_0.vertices / np.sqrt(mesh_0.area), mesh_0.faces, asked.vertices_0)
+    true = distances[np.arange(len(asked.vertices_0)), p2p[asked.vertices_i]]
+    assert 0.3 * true.mean() < error < 3 * true.mean()
+    assert 0.3 * true.mean() < uncertainty[asked.vertices_i].mean() < 3 * true.mean()
 
 
 def test_pairs_are_extended_along_the_surface_and_not_through_space():
@@ -44,7 +56,7 @@ def test_pairs_are_extended_along_the_surface_and_not_through_space():
     strip = skfmap.Mesh(np.concatenate(rows), faces)
     some = grid[:, ::8].ravel()
     pairs = Correspondence(np.column_stack([some, some]))
-    p2p, _ = extend_pairs(strip, strip, pairs.join(pairs))
+    p2p, _, _ = extend_pairs(strip, strip, pairs.join(pairs))
     own, image = np.arange(6 * n) % (2 * n), p2p % (2 * n)
     assert np.abs(own - image).max() <= 2
 
