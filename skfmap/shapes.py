@@ -518,7 +518,7 @@ class Match:
         Raises
         ------
         ValueError
-            If ``values`` does not have one entry for each vertex of the reference.
+            If ``values`` does not have one entry for each vertex of the reference, or the match no matrix.
 
         Examples
         --------
@@ -533,6 +533,8 @@ class Match:
                fill_value='N/A',
                     dtype='<U4')
         """
+        if self.matrix is None:
+            raise ValueError("This Match holds no matrix; take it from a learner's match.")
         given = np.asarray(values)
         n_0 = self.matrix.shape[1]
         if given.ndim not in (1, 2) or len(given) != n_0:
@@ -569,6 +571,8 @@ class Match:
         ValueError
             If the two were matched to different references.
         """
+        if self.matrix is None or other.matrix is None or other.inverse is None:
+            raise ValueError("Both matches must come from a learner's match, with their matrices and inverses.")
         if other.reference_name != self.reference_name or other.matrix.shape[1] != self.matrix.shape[1]:
             raise ValueError(
                 f"Both shapes must be matched to one reference; got {self.reference_name!r} and "

@@ -287,3 +287,12 @@ def test_sparse_landmarks_can_be_refined(make_learner, probed, collection):
 def test_learners_are_not_needed_for_the_match(refined):
     assert isinstance(refined, WeightedFunctionalMapLearner)
     assert refined.truncation_covariance_.shape == (refined.reference_.spectral.n_components,) * 2
+
+
+def test_a_match_made_by_hand_says_what_it_lacks(refined, probed):
+    (match,) = refined.match(probed[5:])
+    bare = skfmap.Match(match.p2p, match.expected_error, match.confidence, match.functional_map, match.reduced_map)
+    with pytest.raises(ValueError, match="holds no matrix"):
+        bare.transfer(np.zeros(3))
+    with pytest.raises(ValueError, match="with their matrices and inverses"):
+        match.to(bare)
