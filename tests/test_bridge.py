@@ -11,6 +11,7 @@ from skfmap import Correspondence
 from skfmap._bridge import choose_bridge, extend_pairs, pays
 from skfmap.datasets import make_sphere
 from skfmap.geometry.geodesics import exact_distances
+from skfmap.persistence import load_model, save_model
 
 
 @pytest.fixture(scope="module")
@@ -139,3 +140,20 @@ def test_shapes_matched_to_unequal_references_do_not_compose(fitted, through, pr
     (second,) = through.bridge_.match(probed[5:])
     with pytest.raises(ValueError, match="matched to one reference"):
         first.to(second)
+
+
+def test_a_learner_with_a_bridge_is_saved_in_a_safe_file(through, probed, tmp_path):
+    pytest.importorskip("skops")
+    save_model(through, tmp_path / "through.skops")
+    again = load_model(tmp_path / "through.skops")
+    np.testing.assert_array_equal(again.match(probed[5:])[0].p2p, through.match(probed[5:])[0].p2p)
+
+
+def test_neither_maps_nor_expected_errors_depend_on_n_jobs(make_learner, probed, collection):
+    one, two = (
+        make_learner(n_functions=8, refine="bijective-zoomout", n_jobs=n_jobs).fit(probed[:4], collection.truths[:4])
+        for n_jobs in (1, 2)
+    )
+    for first, second in zip(one.match(probed[4:]), two.match(probed[4:]), strict=True):
+        np.testing.assert_array_equal(first.p2p, second.p2p)
+        np.testing.assert_array_equal(first.expected_error, second.expected_error)
