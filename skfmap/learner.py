@@ -5,6 +5,7 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import Any, Self
 
 import numpy as np
+from joblib import effective_n_jobs
 from sklearn.base import BaseEstimator, clone
 from sklearn.exceptions import ConvergenceWarning
 from sklearn.utils import Tags
@@ -88,7 +89,7 @@ class WeightedFunctionalMapLearner(CallbackSupportMixin, Versioned, BaseEstimato
         from all others'. Else the name of a training shape.
     max_iter : int, default=1000
         Most iterations of L-BFGS.
-    tol : float, default=1e-5
+    tol : float, default=1e-4
         Largest derivative of the mean singular value's loss in a log-weight at which the search has converged.
     memory : str or joblib.Memory, optional
         Where ground-truth maps and geodesic distances are cached, so that the fits and scores of a search share them.
@@ -173,7 +174,7 @@ class WeightedFunctionalMapLearner(CallbackSupportMixin, Versioned, BaseEstimato
         bridge: str | None = None,
         reference: str = "first",
         max_iter: int = 1000,
-        tol: float = 1e-5,
+        tol: float = 1e-4,
         memory: Any = None,
         n_jobs: int | None = None,
         verbose: int = 0,
@@ -555,7 +556,12 @@ class WeightedFunctionalMapLearner(CallbackSupportMixin, Versioned, BaseEstimato
 
         task.begin_iteration()
         arrays = learning_arrays(training, self.n_functions)
-        learned = learn_functional_maps(**arrays, **self._options(training.reference), callback=after_iteration)
+        learned = learn_functional_maps(
+            **arrays,
+            **self._options(training.reference),
+            n_threads=effective_n_jobs(self.n_jobs),
+            callback=after_iteration,
+        )
         if not (learned.optimum.converged or learned.optimum.stopped):
             warnings.warn(
                 f"The weights did not converge in {learned.optimum.n_iter} iterations (gradient "

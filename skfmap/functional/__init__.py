@@ -2,7 +2,7 @@
 
 from skfmap.functional.eigenbasis import laplacian_eigenbasis
 from skfmap.functional.embedding import spectral_embeddings
-from skfmap.functional.fmap import RowSystems, solve_functional_map
+from skfmap.functional.fmap import solve_functional_map
 from skfmap.functional.ground_truth import GroundTruth, map_from_pairs
 from skfmap.functional.learning import LearnedMaps, learn_functional_maps
 from skfmap.functional.norm import epsilon_by_rule, rank_norm, rank_norm_and_gradient
@@ -11,9 +11,19 @@ from skfmap.functional.objective import LearningProblem
 from skfmap.functional.optimize import Optimum, optimize_weights
 from skfmap.functional.outliers import wrong_pairs
 from skfmap.functional.projection import diffuse, project
+from skfmap.functional.quadratic_systems import QuadraticSystems
 from skfmap.functional.refinement import map_from_point_maps, nearest_orthogonal
-from skfmap.functional.regularization import LearnedMask, laplacian_mask, learned_mask, penalty_of, resolvent_mask
+from skfmap.functional.regularization import (
+    LearnedMask,
+    PenaltyQuadratic,
+    laplacian_mask,
+    learned_mask,
+    penalty_of,
+    penalty_quadratic,
+    resolvent_mask,
+)
 from skfmap.functional.residuals import residual_covariance, trusted_functions
+from skfmap.functional.row_systems import RowSystems, SharedRowSystems
 from skfmap.functional.signatures import heat_kernel_signature, wave_kernel_signature
 from skfmap.functional.stable_basis import basis_error, stable_basis
 from skfmap.functional.subvertex import nearest_on_triangles
@@ -25,7 +35,10 @@ __all__ = [
     "LearnedMask",
     "LearningProblem",
     "Optimum",
+    "PenaltyQuadratic",
+    "QuadraticSystems",
     "RowSystems",
+    "SharedRowSystems",
     "basis_error",
     "diffuse",
     "epsilon_by_rule",
@@ -40,6 +53,7 @@ __all__ = [
     "nearest_orthogonal",
     "optimize_weights",
     "penalty_of",
+    "penalty_quadratic",
     "project",
     "rank_norm",
     "rank_norm_and_gradient",

@@ -1,51 +1,11 @@
 """Equation (2): the functional map that best carries weighted probe functions."""
 
 import numpy as np
-from scipy.linalg.lapack import dpotrf, dpotrs
 
 from skfmap._typing import FloatArray
+from skfmap.functional.row_systems import RowSystems
 
-__all__ = ["RowSystems", "solve_functional_map"]
-
-
-class RowSystems:
-    r"""The row systems of equation (2) for one shape, factorised once.
-
-    Row ``r`` of the functional map solves
-
-    .. math:: (G_0 D^2 G_0^T + \mathrm{diag}(penalty_r))\, c_r = G_0 D^2 g_r .
-
-    The same factor serves the solution and the adjoint of the gradient.
-
-    Parameters
-    ----------
-    gram : ndarray of shape (k, k)
-        G_0 D^2 G_0^T.
-    penalty : ndarray of shape (n_rows, k)
-        Diagonal of each row's regulariser, positive.
-
-    Raises
-    ------
-    numpy.linalg.LinAlgError
-        If a system is not positive definite to rounding.
-    """
-
-    def __init__(self, gram: FloatArray, penalty: FloatArray) -> None:
-        self.factors = []
-        diagonal = np.arange(len(gram))
-        for row_penalty in penalty:
-            system = np.array(gram, order="F")
-            system[diagonal, diagonal] += row_penalty
-            factor, info = dpotrf(system, overwrite_a=True, clean=False)
-            if info != 0:
-                raise np.linalg.LinAlgError(
-                    "A row system is not positive definite; raise alpha, or drop probes of extreme weight."
-                )
-            self.factors.append(factor)
-
-    def solve(self, rhs: FloatArray) -> FloatArray:
-        """Return the solution of each row's system for the same row of ``rhs``, shape (n_rows, k)."""
-        return np.stack([dpotrs(factor, row)[0] for factor, row in zip(self.factors, rhs, strict=True)])
+__all__ = ["solve_functional_map"]
 
 
 def solve_functional_map(

@@ -11,9 +11,16 @@ from skfmap.functional.norm import epsilon_by_rule
 from skfmap.functional.normalization import scale_by
 from skfmap.functional.objective import LearningProblem
 from skfmap.functional.optimize import Optimum, optimize_weights
-from skfmap.functional.regularization import LEARNED, REGULARIZERS, Regularizer, learned_mask, penalty_of
+from skfmap.functional.regularization import (
+    LEARNED,
+    REGULARIZERS,
+    Regularizer,
+    learned_mask,
+    penalty_of,
+    penalty_quadratic,
+)
 from skfmap.functional.stable_basis import stable_basis
-from skfmap.functional.weighting import check_weighting, weight_groups
+from skfmap.functional.weighting import check_weighting, coarse_groups, weight_groups
 
 __all__ = ["LearnedMaps", "learn_functional_maps"]
 
@@ -64,7 +71,8 @@ def learn_functional_maps(
     normalize: str = "shape",
     sample_weight: FloatArray | None = None,
     max_iter: int = 1000,
-    tol: float = 1e-5,
+    tol: float = 1e-4,
+    n_threads: int = 1,
     callback: Callable[[int, float, Callable[[], "LearnedMaps"]], object] | None = None,
 ) -> LearnedMaps:
     """Learn weights D and stable basis Y from known functional maps; no points are needed.
@@ -96,6 +104,9 @@ def learn_functional_maps(
         Share of each training shape in equation (3) and in Y.
     max_iter, tol : int, float
         Of the optimiser.
+    n_threads : int
+        Groups of shapes at a time; the result is the same for every number. BLAS should then keep to one thread
+        (threadpoolctl).
     callback : callable, optional
         Called after each iteration with its number, the loss, and a function that returns the LearnedMaps so far; stops
         the search if it returns True.
@@ -135,6 +146,8 @@ def learn_functional_maps(
         penalties=np.stack([penalty_of(e, evals_0, alpha, regularizer) for e in evals]),
         maps=maps,
         sample_weight=share,
+        quadratic=penalty_quadratic(evals, evals_0, alpha, regularizer),
+        n_threads=n_threads,
     )
     start = problem.differences(np.ones(probes_0.shape[1]))
     # Maps that the probes reproduce exactly would make the automatic norm degenerate.
@@ -145,7 +158,15 @@ def learn_functional_maps(
         so_far = Optimum(weights, [loss], iteration, iteration, np.nan, False, False, "under way")
         return callback is not None and callback(iteration, loss, lambda: _conclude(problem, so_far, size, regularizer))
 
-    optimum = optimize_weights(problem, groups, size, max_iter=max_iter, tol=tol, callback=tell_callback)
+    optimum = optimize_weights(
+        problem,
+        groups,
+        size,
+        coarse=coarse_groups(groups, labels),
+        max_iter=max_iter,
+        tol=tol,
+        callback=tell_callback,
+    )
     return _conclude(problem, optimum, size, regularizer)
 
 

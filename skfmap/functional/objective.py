@@ -1,14 +1,32 @@
 """Equation (3): how far the maps that weights produce are from the known ones."""
 
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
 from skfmap._typing import FloatArray
-from skfmap.functional.fmap import RowSystems, solve_functional_map
 from skfmap.functional.norm import rank_norm_and_gradient
+from skfmap.functional.quadratic_systems import QuadraticSystems
+from skfmap.functional.regularization import PenaltyQuadratic
+from skfmap.functional.row_systems import RowSystems, SharedRowSystems
 
 __all__ = ["LearningProblem"]
+
+# Rows of functional maps at a time, and numbers in their factors: memory stays bounded however many shapes there are.
+_MOST_ROWS = 512
+_MOST_NUMBERS = 8_000_000
+# Few shapes are divided as well, so that there is something to do for each thread; below so many numbers in all maps,
+# starting threads costs more than they save.
+_N_CHUNKS = 4
+_FEW = 100_000
+# From so many shapes times k^2 on, one decomposition for all shapes is faster than factorisations row by row.
+_MANY = 20_000
+
+# Solves the row systems of some shapes for right-hand sides of shape (n_shapes, k - 1, k - 1).
+Solver = Callable[[FloatArray], FloatArray]
 
 
 @dataclass(frozen=True, eq=False)
@@ -16,6 +34,8 @@ class LearningProblem:
     r"""The learning problem on arrays: N shapes, k functions, m probes.
 
     .. math:: E(D) = \sum_i s_i \|X_i(D) - C_i\|_\epsilon
+
+    Shapes are worked on in chunks, several at a time if there are threads; what comes out does not depend on how many.
 
     Parameters
     ----------
@@ -29,6 +49,11 @@ class LearningProblem:
         Known functional maps C_i, from functions on S_0 to functions on S_i.
     sample_weight : ndarray of shape (N,)
         Share of each shape in the sum.
+    quadratic : PenaltyQuadratic, optional
+        The same penalties as `skfmap.functional.regularization.penalty_quadratic` gives them, which makes many shapes
+        much faster.
+    n_threads : int, default=1
+        Chunks at a time; hold BLAS down to one thread beside it.
     """
 
     probes_0: FloatArray
@@ -36,11 +61,21 @@ class LearningProblem:
     penalties: FloatArray
     maps: FloatArray
     sample_weight: FloatArray
+    quadratic: PenaltyQuadratic | None = None
+    n_threads: int = 1
 
     def solve(self, weights: FloatArray) -> FloatArray:
         """Return the maps X_i(D), shape (N, k, k)."""
-        pairs = zip(self.probes, self.penalties, strict=True)
-        return np.stack([solve_functional_map(self.probes_0, g, penalty, weights) for g, penalty in pairs])
+        weighted = self.probes_0[1:] * weights**2
+        systems = self._systems(weighted)
+
+        def maps_of(chunk: slice) -> FloatArray:
+            return systems(chunk)(self.probes[chunk, 1:] @ weighted.T)
+
+        X = np.zeros_like(self.maps)
+        X[:, 0, 0] = 1.0
+        X[:, 1:, 1:] = np.concatenate(self._over_chunks(maps_of))
+        return X
 
     def differences(self, weights: FloatArray) -> FloatArray:
         """Return X_i(D) - C_i without the column of the constant, which is nil; shape (N, k, k - 1)."""
@@ -58,15 +93,55 @@ class LearningProblem:
         """
         g_0 = self.probes_0[1:]
         weighted = g_0 * weights**2
-        gram = weighted @ g_0.T
-        loss, gradient = 0.0, np.zeros(len(weights))
-        for g, penalty, C, share in zip(self.probes, self.penalties, self.maps, self.sample_weight, strict=True):
-            systems = RowSystems(gram, penalty[1:, 1:])
-            X = systems.solve(g[1:] @ weighted.T)
-            difference = -C[:, 1:]
-            difference[1:] += X
-            norm, R = rank_norm_and_gradient(difference[None], epsilon)
-            adjoint = systems.solve(R[0, 1:])
-            loss += share * norm[0]
-            gradient += share * ((adjoint @ g_0) * (g[1:] - X @ g_0)).sum(axis=0)
-        return float(loss), gradient
+        systems = self._systems(weighted)
+
+        def loss_gradient_of(chunk: slice) -> tuple[float, FloatArray]:
+            solve, g, share = systems(chunk), self.probes[chunk, 1:], self.sample_weight[chunk]
+            X = solve(g @ weighted.T)
+            difference = -self.maps[chunk, :, 1:]
+            difference[:, 1:] += X
+            norms, R = rank_norm_and_gradient(difference, epsilon)
+            adjoint = solve(R[:, 1:])
+            by_shape = np.einsum("irp,irp->ip", adjoint @ g_0, g - X @ g_0)
+            return float(share @ norms), share @ by_shape
+
+        losses, gradients = zip(*self._over_chunks(loss_gradient_of), strict=True)
+        return float(np.sum(losses)), np.sum(gradients, axis=0)
+
+    def _systems(self, weighted: FloatArray) -> Callable[[slice], Solver]:
+        """Return what solves the row systems of a chunk, for the maps and again for their adjoints."""
+        gram, penalties = weighted @ self.probes_0[1:].T, self.penalties[:, 1:, 1:]
+        n_shapes, n, _ = penalties.shape
+        if self.quadratic is not None and n_shapes * n**2 >= _MANY:
+            return _by_quadratic(gram, penalties, self.quadratic)
+        if n_shapes > 1 and (penalties == penalties[0]).all():
+            shared = SharedRowSystems(gram, penalties[0])
+            return lambda chunk: shared.solve  # noqa: ARG005
+
+        def factorised(chunk: slice) -> Solver:
+            rows = RowSystems(gram, penalties[chunk].reshape(-1, n))
+            return lambda rhs: rows.solve(rhs.reshape(-1, n)).reshape(rhs.shape)
+
+        return factorised
+
+    def _over_chunks(self, function: Callable[[slice], Any]) -> list[Any]:
+        n_shapes, k, _ = self.maps.shape
+        size = max(1, min(_MOST_ROWS, _MOST_NUMBERS // k**2) // k)
+        size = min(size, -(-n_shapes // _N_CHUNKS))
+        chunks = [slice(i, i + size) for i in range(0, len(self.maps), size)]
+        if self.n_threads == 1 or self.maps.size < _FEW:
+            return [function(chunk) for chunk in chunks]
+        with ThreadPoolExecutor(self.n_threads) as threads:
+            return list(threads.map(function, chunks))
+
+
+def _by_quadratic(gram: FloatArray, penalties: FloatArray, quadratic: PenaltyQuadratic) -> Callable[[slice], Solver]:
+    within = quadratic._replace(t=quadratic.t[:, 1:], a=quadratic.a[1:], b=quadratic.b[1:], c=quadratic.c[1:])
+    systems, n = QuadraticSystems(gram, within), len(gram)
+
+    def of_chunk(chunk: slice) -> Solver:
+        t = within.t[chunk].ravel()
+        known = penalties[chunk].reshape(-1, n), t, 1 + within.growth * t**2
+        return lambda rhs: systems.solve(rhs.reshape(-1, n), *known).reshape(rhs.shape)
+
+    return of_chunk

@@ -1,4 +1,4 @@
-"""Minimise equation (3) over the weights with L-BFGS, from D = I."""
+"""Minimise equation (3) over the weights with L-BFGS: first one weight per category, then each."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -15,8 +15,15 @@ __all__ = ["LOG_WEIGHT_BOUND", "Optimum", "optimize_weights"]
 LOG_WEIGHT_BOUND = 7.0
 """Weights stay between exp(-7) and exp(7): beyond, a probe is off or alone, and the systems lose definiteness."""
 
+# Coarse weights only set out the course: they are found roughly, and held where no category is switched off.
+_COARSE_BOUND = 3.0
+_COARSE_TOL = 1e-3
+_COARSE_MAX_ITER = 50
+
 # What scipy calls a search that its callback ended.
 _STOPPED = 99
+# Steps that L-BFGS remembers.
+_N_REMEMBERED = 50
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,11 +63,15 @@ def optimize_weights(
     groups: IntArray,
     epsilon: float,
     *,
+    coarse: IntArray | None = None,
     max_iter: int,
     tol: float,
     callback: Callable[[int, float, FloatArray], object] | None = None,
 ) -> Optimum:
     """Minimise the loss over one log-weight per group, starting from weights 1.
+
+    The loss has many local minima. Weights that are first found for whole categories lead to lower ones, and in fewer
+    evaluations, than all weights at once.
 
     Parameters
     ----------
@@ -70,8 +81,10 @@ def optimize_weights(
         From `skfmap.functional.weight_groups`; all -1 leaves D = I.
     epsilon : float
         Of the norm (4).
+    coarse : ndarray of int, shape (m,), optional
+        Groups to begin with, from `skfmap.functional.weighting.coarse_groups`.
     max_iter : int
-        Most iterations.
+        Most iterations, those over coarse groups included.
     tol : float
         The search has converged when no log-weight changes the loss, divided by the number of singular values in it,
         by more than this.
@@ -83,49 +96,109 @@ def optimize_weights(
     Optimum
         Weights and how they were reached.
     """
-    n_groups = int(groups.max()) + 1
-    if n_groups == 0:
+    if groups.max() < 0:
         weights = np.ones(len(groups))
         return Optimum(weights, [problem.loss(weights, epsilon)], 0, 1, 0.0, True, False, "nothing to learn")
-    scale = problem.sample_weight.sum() * (problem.maps.shape[2] - 1)
+    search = _Search(problem, epsilon, callback)
+    start = np.zeros(len(groups))
+    if coarse is not None:
+        most = min(_COARSE_MAX_ITER, max_iter)
+        start, stopped = search.run(start, coarse, _COARSE_BOUND, most, max(tol, _COARSE_TOL))
+        if stopped:
+            return search.optimum(start, np.nan, False, True, "stopped by the callback")
+    return search.finish(start, groups, max_iter, tol)
 
-    def scaled_loss_gradient(log_weights: FloatArray) -> tuple[float, FloatArray]:
-        weights = np.exp(log_weights)[groups]
-        loss, gradient = problem.loss_gradient(weights, epsilon)
-        # d(weight^2) / d(log weight) = 2 weight^2
-        return loss / scale, np.bincount(groups, 2 * gradient * weights**2, minlength=n_groups) / scale
 
-    curve: list[float] = []
+class _Search:
+    """Evaluations, iterations and losses of a search, over one grouping after another."""
 
-    def record(intermediate_result: Any) -> None:
-        curve.append(float(intermediate_result.fun) * scale)
-        if callback is not None and callback(len(curve) - 1, curve[-1], np.exp(intermediate_result.x)[groups]) is True:
-            raise StopIteration
+    def __init__(
+        self,
+        problem: LearningProblem,
+        epsilon: float,
+        callback: Callable[[int, float, FloatArray], object] | None,
+    ) -> None:
+        self.problem, self.epsilon, self.callback = problem, epsilon, callback
+        self.scale = float(problem.sample_weight.sum() * (problem.maps.shape[2] - 1))
+        self.curve: list[float] = []
+        self.n_evaluations = 0
 
-    start = np.zeros(n_groups)
-    curve.append(scaled_loss_gradient(start)[0] * scale)
-    result = minimize(
-        scaled_loss_gradient,
-        start,
-        jac=True,
-        method="L-BFGS-B",
-        bounds=[(-LOG_WEIGHT_BOUND, LOG_WEIGHT_BOUND)] * n_groups,
-        callback=record,
-        options={"maxiter": max_iter, "maxfun": 10 * max_iter, "gtol": tol, "ftol": 0.0, "maxcor": 20},
-    )
-    if not np.isfinite(result.fun):
-        raise ValueError("The loss is not finite; raise alpha or epsilon, or look for extreme probe coefficients.")
-    gradient_norm = _projected_gradient_norm(result.x, result.jac)
-    return Optimum(
-        np.exp(result.x)[groups],
-        curve,
-        int(result.nit),
-        int(result.nfev) + 1,
-        gradient_norm,
-        gradient_norm <= (tol if result.success else 10 * tol),
-        result.status == _STOPPED,
-        str(result.message),
-    )
+    def finish(self, start: FloatArray, groups: IntArray, max_iter: int, tol: float) -> Optimum:
+        """Search over the groups that were asked for, and say how it ended."""
+        remaining = max_iter - max(len(self.curve) - 1, 0)
+        if remaining == 0:
+            first, evaluate = self._over(groups, start)
+            gradient_norm = _projected_gradient_norm(first, evaluate(first)[1])
+            return self.optimum(start, gradient_norm, gradient_norm <= tol, False, "max_iter reached")
+        result = self._minimize(start, groups, LOG_WEIGHT_BOUND, remaining, tol)
+        gradient_norm = _projected_gradient_norm(result.x, result.jac)
+        converged = gradient_norm <= (tol if result.success else 10 * tol)
+        stopped = result.status == _STOPPED
+        return self.optimum(result.x[groups], gradient_norm, converged, stopped, str(result.message))
+
+    def run(
+        self, start: FloatArray, groups: IntArray, bound: float, max_iter: int, tol: float
+    ) -> tuple[FloatArray, bool]:
+        """Return the log-weight of each probe after a search over groups, and whether the callback ended it."""
+        result = self._minimize(start, groups, bound, max_iter, tol)
+        return result.x[groups], result.status == _STOPPED
+
+    def optimum(
+        self, log_weights: FloatArray, gradient_norm: float, converged: bool, stopped: bool, message: str
+    ) -> Optimum:
+        """Return where the search is."""
+        n_iter = len(self.curve) - 1
+        weights = np.exp(log_weights)
+        return Optimum(weights, self.curve, n_iter, self.n_evaluations, gradient_norm, converged, stopped, message)
+
+    def _over(
+        self, groups: IntArray, start: FloatArray
+    ) -> tuple[FloatArray, Callable[[FloatArray], tuple[float, FloatArray]]]:
+        """Return one log-weight per group to start from, and scaled loss and gradient as a function of them."""
+        n_groups = int(groups.max()) + 1
+        first = np.zeros(n_groups)
+        first[groups] = start  # the members of a group start alike
+
+        def scaled_loss_gradient(log_weights: FloatArray) -> tuple[float, FloatArray]:
+            self.n_evaluations += 1
+            weights = np.exp(log_weights)[groups]
+            loss, gradient = self.problem.loss_gradient(weights, self.epsilon)
+            if not self.curve:
+                self.curve.append(loss)
+            # d(weight^2) / d(log weight) = 2 weight^2
+            by_group = np.bincount(groups, 2 * gradient * weights**2, minlength=n_groups)
+            return loss / self.scale, by_group / self.scale
+
+        return first, scaled_loss_gradient
+
+    def _minimize(self, start: FloatArray, groups: IntArray, bound: float, max_iter: int, tol: float) -> Any:
+        first, scaled_loss_gradient = self._over(groups, start)
+
+        def record(intermediate_result: Any) -> None:
+            self.curve.append(float(intermediate_result.fun) * self.scale)
+            weights = np.exp(intermediate_result.x)[groups]
+            told = self.callback is not None and self.callback(len(self.curve) - 1, self.curve[-1], weights)
+            if told is True:
+                raise StopIteration
+
+        result = minimize(
+            scaled_loss_gradient,
+            first,
+            jac=True,
+            method="L-BFGS-B",
+            bounds=[(-bound, bound)] * len(first),
+            callback=record,
+            options={
+                "maxiter": max_iter,
+                "maxfun": 10 * max_iter,
+                "gtol": tol,
+                "ftol": 0.0,
+                "maxcor": _N_REMEMBERED,
+            },
+        )
+        if not np.isfinite(result.fun):
+            raise ValueError("The loss is not finite; raise alpha or epsilon, or look for extreme probe coefficients.")
+        return result
 
 
 def _projected_gradient_norm(log_weights: FloatArray, gradient: FloatArray) -> float:

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from scipy.ndimage import gaussian_filter
@@ -13,9 +14,11 @@ __all__ = [
     "LEARNED",
     "REGULARIZERS",
     "LearnedMask",
+    "PenaltyQuadratic",
     "laplacian_mask",
     "learned_mask",
     "penalty_of",
+    "penalty_quadratic",
     "resolvent_mask",
 ]
 
@@ -100,3 +103,56 @@ def penalty_of(evals_i: FloatArray, evals_0: FloatArray, alpha: float, regulariz
             f"The regularizer must return finite values of shape ({len(evals_i)}, {len(evals_0)}); got {mask.shape}."
         )
     return np.asarray(alpha * (mask**2 + DIAGONAL_FLOOR))
+
+
+class PenaltyQuadratic(NamedTuple):
+    """Penalties of one regulariser as values of one quadratic: (1 + growth t^2) penalty = a t^2 - 2 b t + c.
+
+    Attributes
+    ----------
+    t : ndarray of shape (n_shapes, k)
+        A number for each row of each shape.
+    a, b, c : ndarray of shape (k,)
+        Of each column.
+    growth : float
+        0 or positive.
+    """
+
+    t: FloatArray
+    a: FloatArray
+    b: FloatArray
+    c: FloatArray
+    growth: float
+
+
+def penalty_quadratic(
+    evals: FloatArray, evals_0: FloatArray, alpha: float, regularizer: str | Regularizer
+) -> PenaltyQuadratic | None:
+    """Return the penalties of all shapes in the form that lets one decomposition solve all row systems.
+
+    For the Laplacian, W = t - y with t and y eigenvalues over the last of S_0. For the resolvents,
+    W^2 = (t - y)^2 / ((1 + t^2) (1 + y^2)) with t and y the roots of those. None for any other regulariser.
+
+    Parameters
+    ----------
+    evals, evals_0 : ndarray of shape (n_shapes, k), ndarray of shape (k,)
+        Eigenvalues.
+    alpha : float
+        Strength.
+    regularizer : str or callable
+        As in `penalty_of`.
+
+    Returns
+    -------
+    PenaltyQuadratic or None
+        The same penalties as `penalty_of`.
+    """
+    if regularizer == "laplacian":
+        growth, t, y = 0.0, evals / evals_0[-1], evals_0 / evals_0[-1]
+    elif regularizer == "resolvent":
+        growth, (t, y) = 1.0, (np.sqrt(np.maximum(x, 0) / evals_0[-1]) for x in (evals, evals_0))
+    else:
+        return None
+    share = alpha / (1 + growth * y**2)
+    floor = alpha * DIAGONAL_FLOOR
+    return PenaltyQuadratic(t, share + growth * floor, share * y, share * y**2 + floor, growth)

@@ -6,7 +6,7 @@ import numpy as np
 
 from skfmap._typing import IntArray
 
-__all__ = ["WEIGHTINGS", "check_weighting", "weight_groups"]
+__all__ = ["WEIGHTINGS", "check_weighting", "coarse_groups", "weight_groups"]
 
 WEIGHTINGS = (None, "unique", "category", "function")
 
@@ -45,6 +45,21 @@ def weight_groups(weighting: str | Sequence[Hashable] | None, categories: Sequen
     if weighting == "function":
         return np.arange(n_probes)
     return _numbered(categories)
+
+
+def coarse_groups(groups: IntArray, categories: Sequence[str]) -> IntArray | None:
+    """Return the groups of one weight per category, if they are fewer and each holds whole groups; else None.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from skfmap.functional.weighting import coarse_groups
+    >>> coarse_groups(np.array([0, 1, 2]), ["hks", "hks", "wks"]).tolist()
+    [0, 0, 1]
+    """
+    coarse = _numbered(categories)
+    pairs = np.unique(np.column_stack([groups, coarse]), axis=0)
+    return coarse if coarse.max() < groups.max() and len(pairs) == groups.max() + 1 else None
 
 
 def check_weighting(weighting: object, n_probes: int) -> None:

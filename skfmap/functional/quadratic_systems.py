@@ -1,0 +1,122 @@
+r"""All row systems of all shapes at once, where the regulariser makes them values of one quadratic.
+
+With the commutator of the Laplacians or of their resolvents, the system of row r of shape S_i is
+
+.. math:: s\,A(t) = t^2 M_2 - 2 t M_1 + M_0, \qquad s = 1 + \gamma t^2,
+
+where :math:`t` and :math:`s` are numbers that belong to the row, and the symmetric matrices belong to the reference and
+the weights. One eigen-decomposition of twice the size then solves them all: matrix products do the rest.
+"""
+
+import numpy as np
+import scipy.linalg
+
+from skfmap._typing import FloatArray
+from skfmap.functional.regularization import PenaltyQuadratic
+from skfmap.functional.row_systems import RowSystems
+
+__all__ = ["QuadraticSystems"]
+
+# Row systems are solved to this backward error, as a Cholesky factorisation would; it stops improving near there.
+_BACKWARD_ERROR = 1e-15
+_MOST_CORRECTIONS = 3
+# What is worse than this is solved again by factorisations.
+_ACCEPTED = 1e-12
+
+
+class QuadraticSystems:
+    r"""The row systems of equation (2) for all shapes, diagonalised once.
+
+    In functions Q that diagonalise :math:`M_2` and :math:`M_1` together, :math:`Q^T M_2 Q = I` and
+    :math:`Q^T M_1 Q = H`, the polynomial is :math:`(t - H)^2 + S`, and its inverse is a block of that of
+
+    .. math:: \begin{pmatrix} t - H & -d \\ S / d & t - H \end{pmatrix},
+
+    whose eigenvalues are conjugate pairs: A(t) is positive definite for real t. Rounding is mended by one or two
+    corrections with the residual; should they not do, the rows are factorised one by one.
+
+    Parameters
+    ----------
+    gram : ndarray of shape (k, k)
+        G_0 D^2 G_0^T.
+    quadratic : PenaltyQuadratic
+        The regulariser in this form, of columns and rows 1 to k - 1.
+
+    Raises
+    ------
+    numpy.linalg.LinAlgError
+        If the polynomial has no such decomposition to rounding.
+    """
+
+    def __init__(self, gram: FloatArray, quadratic: PenaltyQuadratic) -> None:
+        self.gram = gram
+        self._norm = float(np.abs(gram).sum(axis=0).max())
+        H, Q = _diagonalise_together(gram * quadratic.growth + np.diag(quadratic.a), quadratic)
+        S = Q.T @ (gram + np.diag(quadratic.c)) @ Q - np.diag(H**2)
+        d = np.sqrt(np.maximum(np.diag(S), 1e-12 * np.abs(S).max()))
+        linear = np.block([[np.diag(H), np.diag(d)], [-S / d[:, None], np.diag(H)]])
+        if not np.isfinite(linear).all():
+            raise np.linalg.LinAlgError("The row systems are not finite; look for extreme probe coefficients.")
+        values, vectors = np.linalg.eig(linear)
+        upper = np.flatnonzero(values.imag > 0)
+        if len(upper) != len(H):
+            raise np.linalg.LinAlgError("A row system is not positive definite; raise alpha.")
+        out = Q @ vectors[: len(H), upper]
+        into = (np.linalg.inv(vectors)[upper, len(H) :] / d) @ Q.T
+        self._values = values[upper]
+        # Real and imaginary parts side by side: products of real matrices.
+        self._into = np.hstack([into.real.T, into.imag.T])
+        self._out = 2 * np.vstack([out.real.T, -out.imag.T])
+
+    def solve(self, rhs: FloatArray, penalty: FloatArray, t: FloatArray, s: FloatArray) -> FloatArray:
+        """Return the solutions of rows of any shapes.
+
+        Parameters
+        ----------
+        rhs, penalty : ndarray of shape (n_rows, k)
+            Right-hand sides, and diagonals of the regulariser.
+        t, s : ndarray of shape (n_rows,)
+            Where on the quadratic each row is, and 1 + gamma t^2.
+
+        Returns
+        -------
+        ndarray of shape (n_rows, k)
+            Solutions.
+        """
+        poles = 1 / (t[:, None] - self._values)
+        real, imaginary = poles.real.copy(), poles.imag.copy()
+        x = self._apply(rhs, real, imaginary, s)
+        error = np.inf
+        for _ in range(_MOST_CORRECTIONS):
+            residual = rhs - (x @ self.gram + penalty * x)
+            before, error = error, self._backward_error(residual, rhs, penalty, x)
+            if error <= _BACKWARD_ERROR or error > before / 2:
+                break
+            x = x + self._apply(residual, real, imaginary, s)
+        if not error <= _ACCEPTED:
+            return RowSystems(self.gram, penalty).solve(rhs)
+        return x
+
+    def _apply(self, rhs: FloatArray, real: FloatArray, imaginary: FloatArray, s: FloatArray) -> FloatArray:
+        """Return the solutions to the accuracy of the decomposition."""
+        n = len(self.gram)
+        both = rhs @ self._into
+        a, b = both[:, :n], both[:, n:]
+        product = np.empty_like(both)
+        product[:, :n] = a * real - b * imaginary
+        product[:, n:] = a * imaginary + b * real
+        x = product @ self._out
+        x *= s[:, None]
+        return np.asarray(x)
+
+    def _backward_error(self, residual: FloatArray, rhs: FloatArray, penalty: FloatArray, x: FloatArray) -> float:
+        size = (self._norm + penalty.max(axis=1)) * np.abs(x).max(axis=1) + np.abs(rhs).max(axis=1)
+        return float((np.abs(residual).max(axis=1) / np.maximum(size, 1e-300)).max())
+
+
+def _diagonalise_together(M_2: FloatArray, quadratic: PenaltyQuadratic) -> tuple[FloatArray, FloatArray]:
+    """Return H and Q with Q^T M_2 Q = I and Q^T diag(b) Q = diag(H)."""
+    if quadratic.growth == 0:
+        return quadratic.b / quadratic.a, np.diag(1 / np.sqrt(quadratic.a))
+    H, Q = scipy.linalg.eigh(np.diag(quadratic.b), M_2)
+    return np.asarray(H), np.asarray(Q)
