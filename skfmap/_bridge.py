@@ -104,7 +104,7 @@ def extend_pairs(
 def _extend(what: tuple[Mesh, Mesh, IntArray, IntArray], content_hash: str) -> tuple[IntArray, FloatArray, float]:  # noqa: ARG001
     mesh_i, mesh_0, vertices_i, vertices_0 = what
     known, first = np.unique(vertices_i, return_index=True)
-    chosen = farthest_vertices(mesh_i.vertices, mesh_i.faces, known, _N_LANDMARKS)
+    chosen, _ = farthest_vertices(mesh_i.vertices, mesh_i.faces, known, _N_LANDMARKS)
     partners = vertices_0[first[np.searchsorted(known, chosen)]]
     distances_i = heat_distances(mesh_i.vertices / np.sqrt(mesh_i.area), mesh_i.faces, chosen)
     distances_0 = heat_distances(mesh_0.vertices / np.sqrt(mesh_0.area), mesh_0.faces, partners)

@@ -51,7 +51,7 @@ def calibrate(
         for matcher, rows in zip(matchers, left_out, strict=True)
         for i in rows
     )
-    observed = map_shapes(_observe_all, arguments, n_jobs=n_jobs, verbose=0)
+    observed = map_shapes(_observe_all, arguments, n_jobs=n_jobs, verbose=0, prefer="threads")
     share = training.share[np.concatenate(left_out)]
     return {
         kind: fit_error_model(
@@ -71,7 +71,9 @@ def _matchers_without(
     kept = [np.setdiff1d(np.concatenate(left_out), rows) for rows in left_out]
     shorter = options | {"max_iter": min(options["max_iter"], _FOLD_OPTIONS["max_iter"])}
     shorter |= {"tol": max(options["tol"], _FOLD_OPTIONS["tol"])}
-    learned = map_shapes(learn_from_rows, ((arrays, rows, shorter) for rows in kept), n_jobs=n_jobs, verbose=0)
+    learned = map_shapes(
+        learn_from_rows, ((arrays, rows, shorter) for rows in kept), n_jobs=n_jobs, verbose=0, prefer="threads"
+    )
     return [
         matcher_from(training, rows, one.maps, one, whole.settings._replace(regularizer=one.regularizer))
         for rows, one in zip(kept, learned, strict=True)

@@ -111,8 +111,10 @@ def watch_reference(reference: ProbedShape, joins: Sequence[JoinedPairs], memory
 
 def _distances_from_some(where: tuple[Mesh, IntArray], content_hash: str) -> tuple[IntArray, FloatArray]:  # noqa: ARG001
     mesh, known = where
-    chosen = np.sort(farthest_vertices(mesh.vertices, mesh.faces, known, _N_WATCHED))
-    return chosen, heat_distances(mesh.vertices / np.sqrt(mesh.area), mesh.faces, chosen)
+    at_unit_area = mesh.vertices / np.sqrt(mesh.area)
+    chosen, edge_paths = farthest_vertices(at_unit_area, mesh.faces, known, _N_WATCHED)
+    order = np.argsort(chosen)
+    return chosen[order], heat_distances(at_unit_area, mesh.faces, chosen[order], edge_paths[order])
 
 
 def observe(

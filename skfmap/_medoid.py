@@ -25,7 +25,7 @@ def medoid_index(shapes: Sequence[ProbedShape], truths: Sequence[Correspondence]
         raise CorrespondenceError("reference='medoid' needs template points that all shapes have; name a shape.")
     vertices = [_vertices_at(truth, common) for truth in truths]
     first = shapes[0].spectral.mesh
-    spread = farthest_vertices(first.vertices, first.faces, np.unique(vertices[0]), _N_POINTS)
+    spread, _ = farthest_vertices(first.vertices, first.faces, np.unique(vertices[0]), _N_POINTS)
     columns = np.searchsorted(vertices[0], spread, sorter=np.argsort(vertices[0], kind="stable"))
     columns = np.argsort(vertices[0], kind="stable")[columns]
     arguments = ((shape, at[columns]) for shape, at in zip(shapes, vertices, strict=True))

@@ -43,15 +43,21 @@ _ONE_THREAD = _OneThread()
 
 
 def map_shapes(
-    function: Callable[..., Any], arguments: Iterable[tuple[Any, ...]], *, n_jobs: int | None, verbose: int
+    function: Callable[..., Any],
+    arguments: Iterable[tuple[Any, ...]],
+    *,
+    n_jobs: int | None,
+    verbose: int,
+    prefer: str | None = None,
 ) -> list[Any]:
     """Return ``function(*a)`` for each tuple of ``arguments``, in their order.
 
-    No backend is fixed, so that ``joblib.parallel_config`` can spread the work over a cluster.
+    No backend is fixed, so that ``joblib.parallel_config`` can spread the work over a cluster. ``prefer="threads"`` is
+    a hint for work that is matrix products for the most part: nothing is copied to other processes then.
     """
     calls = (delayed(_call)(os.getpid(), function, *a) for a in arguments)
     with _ONE_THREAD:
-        return list(Parallel(n_jobs=n_jobs, verbose=verbose)(calls))
+        return list(Parallel(n_jobs=n_jobs, verbose=verbose, prefer=prefer)(calls))
 
 
 def single_threaded(function: Callable[..., Any], *arguments: Any) -> Any:

@@ -119,7 +119,7 @@ def known_maps(
 ) -> list[KnownMap]:
     """Return `ground_truth_maps` with what else the pairs tell."""
     arguments = ((s, reference, join, n_functions, memory) for s, join in zip(shapes, joins, strict=True))
-    known: list[KnownMap] = map_shapes(_known_map, arguments, n_jobs=n_jobs, verbose=0)
+    known: list[KnownMap] = map_shapes(_known_map, arguments, n_jobs=n_jobs, verbose=0, prefer="threads")
     for shape, one in zip(shapes, known, strict=True):
         if one.n_wrong > _MANY * len(one.areas):
             warnings.warn(

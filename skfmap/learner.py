@@ -276,7 +276,7 @@ class WeightedFunctionalMapLearner(CallbackSupportMixin, Versioned, BaseEstimato
         """
         shapes = self._check_new(X)
         arguments = ((self._matcher(), shape) for shape in shapes)
-        return np.stack(map_shapes(learned_map, arguments, n_jobs=self.n_jobs, verbose=0))
+        return np.stack(map_shapes(learned_map, arguments, n_jobs=self.n_jobs, verbose=0, prefer="threads"))
 
     def predict(self, X: Sequence[ProbedShape]) -> FloatArray:
         """Return the reduced maps X_i(D) Y_p of section 4.2.
@@ -329,7 +329,7 @@ class WeightedFunctionalMapLearner(CallbackSupportMixin, Versioned, BaseEstimato
             direct = self.functional_maps(shapes)
             return [cross(one, C, matcher, self._across) for one, C in zip(near, direct, strict=True)]
         arguments = ((matcher, self.error_models_, shape, interpolate) for shape in shapes)
-        return list(map_shapes(match_shape, arguments, n_jobs=self.n_jobs, verbose=0))
+        return list(map_shapes(match_shape, arguments, n_jobs=self.n_jobs, verbose=0, prefer="threads"))
 
     def point_maps(
         self,
@@ -365,7 +365,7 @@ class WeightedFunctionalMapLearner(CallbackSupportMixin, Versioned, BaseEstimato
             return [self._across.p2p[p2p] for p2p in near]
         matcher = self._matcher(matching=matching, n_stable=n_stable, refine=refine)
         arguments = ((matcher, shape) for shape in shapes)
-        return list(map_shapes(point_map, arguments, n_jobs=self.n_jobs, verbose=0))
+        return list(map_shapes(point_map, arguments, n_jobs=self.n_jobs, verbose=0, prefer="threads"))
 
     def stability_function(self) -> FloatArray:
         """Return how far learned maps miss each point of the reference, as a function to look at.

@@ -241,11 +241,12 @@ def test_landmarks_share_all_the_area(sphere):
 
 def test_farthest_vertices_are_spread(sphere):
     vertices, faces = sphere
-    chosen = farthest_vertices(vertices, faces, np.arange(len(vertices)), 6)
+    chosen, distances = farthest_vertices(vertices, faces, np.arange(len(vertices)), 6)
     # Six well-spread points of a sphere are the corners of an octahedron, a right angle apart.
     gaps = vertices[chosen] @ vertices[chosen].T - 2 * np.eye(6)
     assert gaps.max() < 0.3
-    assert len(farthest_vertices(vertices, faces, np.array([4, 9]), 6)) == 2
+    np.testing.assert_allclose(distances, edge_path_distances(vertices, faces, chosen))
+    assert len(farthest_vertices(vertices, faces, np.array([4, 9]), 6)[0]) == 2
 
 
 @given(st.integers(0, 2**31), st.floats(0.01, 100))

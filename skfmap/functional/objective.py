@@ -23,7 +23,7 @@ _MOST_NUMBERS = 8_000_000
 _N_CHUNKS = 4
 _FEW = 100_000
 # From so many shapes times k^2 on, one decomposition for all shapes is faster than factorisations row by row.
-_MANY = 20_000
+_MANY = 12_000
 
 # Solves the row systems of some shapes for right-hand sides of shape (n_shapes, k - 1, k - 1).
 Solver = Callable[[FloatArray], FloatArray]

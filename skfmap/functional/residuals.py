@@ -46,7 +46,8 @@ def residual_covariance(
     """
     residuals = evecs_i @ C - evecs_0
     if leverage_of is not None:
-        leverage = areas * (evecs_i * np.linalg.lstsq(leverage_of, evecs_i.T, rcond=1e-10)[0].T).sum(axis=1)
+        inverse = np.linalg.pinv(leverage_of, rcond=1e-10, hermitian=True)
+        leverage = areas * ((evecs_i @ inverse) * evecs_i).sum(axis=1)
         residuals = residuals / (1 - np.minimum(leverage, _MOST_LEVERAGE))[:, None]
     covariance = (areas[:, None] * residuals).T @ residuals / areas.sum()
     return np.asarray((covariance + covariance.T) / 2)

@@ -22,17 +22,21 @@ __all__ = [
 ]
 
 
-def heat_distances(vertices: FloatArray, faces: IntArray, sources: IntArray) -> FloatArray:
+def heat_distances(
+    vertices: FloatArray, faces: IntArray, sources: IntArray, edge_paths: FloatArray | None = None
+) -> FloatArray:
     """Return heat-method distances (Crane, Weischedel, Wardetzky 2013), shape (n_sources, n_vertices).
 
     Kept between the straight line and the shortest path along edges, which bound the exact distance: near its source
     the heat method alone reads up to 10 % low. About 3 ms per source at 5,000 vertices. On a TOSCA cat the disagreement
     with exact distances is 1.4 % of the mean distance; below 0.1 sqrt(area) it is 1 to 2.5 %, 1 % low on average.
+    ``edge_paths`` are the distances along edges, where they are known.
     """
     solver = pp3d.MeshHeatMethodDistanceSolver(vertices, faces)
     heat = np.stack([solver.compute_distance(int(source)) for source in sources])
     straight = np.stack([np.linalg.norm(vertices - vertices[source], axis=1) for source in sources])
-    return np.asarray(np.clip(heat, straight, edge_path_distances(vertices, faces, sources)))
+    longest = edge_path_distances(vertices, faces, sources) if edge_paths is None else edge_paths
+    return np.asarray(np.clip(heat, straight, longest))
 
 
 def exact_distances(vertices: FloatArray, faces: IntArray, sources: IntArray) -> FloatArray:
@@ -47,7 +51,7 @@ def edge_path_distances(vertices: FloatArray, faces: IntArray, sources: IntArray
     return np.asarray(dijkstra(edge_graph(vertices, faces), directed=False, indices=sources))
 
 
-DISTANCES: dict[str, Callable[[FloatArray, IntArray, IntArray], FloatArray]] = {
+DISTANCES: dict[str, Callable[..., FloatArray]] = {
     "heat": heat_distances,
     "exact": exact_distances,
     "dijkstra": edge_path_distances,
@@ -86,12 +90,24 @@ def areas_of_landmarks(vertices: FloatArray, faces: IntArray, mass: FloatArray, 
     return np.asarray(owned[landmarks])
 
 
-def farthest_vertices(vertices: FloatArray, faces: IntArray, candidates: IntArray, n_chosen: int) -> IntArray:
-    """Choose well-spread vertices: each is the candidate farthest along edges from those before; the first is given."""
+def farthest_vertices(
+    vertices: FloatArray, faces: IntArray, candidates: IntArray, n_chosen: int
+) -> tuple[IntArray, FloatArray]:
+    """Choose well-spread vertices: each is the candidate farthest along edges from those before; the first is given.
+
+    Returns
+    -------
+    chosen : ndarray of int, shape (n,)
+        Vertices, in the order in which they were chosen.
+    distances : ndarray of shape (n, n_vertices)
+        Lengths of shortest paths along edges from each of them.
+    """
     graph = edge_graph(vertices, faces)
     chosen = [int(candidates[0])]
-    distance = dijkstra(graph, directed=False, indices=chosen[0])[candidates]
+    distances = [dijkstra(graph, directed=False, indices=chosen[0])]
+    nearest = distances[0][candidates]
     while len(chosen) < min(n_chosen, len(candidates)):
-        chosen.append(int(candidates[np.argmax(distance)]))
-        distance = np.minimum(distance, dijkstra(graph, directed=False, indices=chosen[-1])[candidates])
-    return np.array(chosen, dtype=np.int64)
+        chosen.append(int(candidates[np.argmax(nearest)]))
+        distances.append(dijkstra(graph, directed=False, indices=chosen[-1]))
+        nearest = np.minimum(nearest, distances[-1][candidates])
+    return np.array(chosen, dtype=np.int64), np.stack(distances)

@@ -73,7 +73,7 @@ def main():
     for name, setting in SETTINGS.items():
         points = truths[0].pairs[:, 1]
         if setting[0] is not None:
-            spread = farthest_vertices(mesh.vertices, mesh.faces, np.unique(truths[0].pairs[:, 0]), setting[0])
+            spread, _ = farthest_vertices(mesh.vertices, mesh.faces, np.unique(truths[0].pairs[:, 0]), setting[0])
             vertices, first = np.unique(truths[0].pairs[:, 0], return_index=True)
             points = truths[0].pairs[first[np.searchsorted(vertices, spread)], 1]
         calls = (delayed(run_fold)(shapes, truths, points, setting, i, table) for i in range(1, len(shapes), 2))
