@@ -1,21 +1,32 @@
 """The first eigenfunctions of a Laplacian."""
 
 import numpy as np
+import scipy.linalg
 import scipy.sparse as sp
-from scipy.sparse.linalg import ArpackNoConvergence, LinearOperator, eigsh, splu
+from scipy.sparse.linalg import splu
 
 from skfmap._typing import FloatArray, SparseMatrix
 
 __all__ = ["fix_signs", "laplacian_eigenbasis"]
 
-# Shift of the inverse iteration: well below the first non-zero eigenvalue of a surface of unit area.
-_SHIFT = -0.01
+# The inverse iteration is shifted to well below the first non-zero eigenvalue of a surface of unit area.
+_SHIFT = 0.01
+# Vectors at a time: a few share the work of a triangular solve, many need more of them.
+_BLOCK = 4
+# Residual |A v - lambda v| of unit vectors, relative to max(lambda, 1), at which a function counts as found.
+_TOLERANCE = 1e-10
+# Smaller problems, and those that need a large part of all eigenfunctions, are solved as dense ones.
+_SMALL = 300
+_LARGE_PART = 8
+# Dimensions of the Krylov space per function wanted: how many to begin looking at, and how many to give up at.
+_FIRST_LOOK, _MOST = 2.0, 8.0
 
 
 def laplacian_eigenbasis(stiffness: SparseMatrix, mass: FloatArray, n_components: int) -> tuple[FloatArray, FloatArray]:
     """Solve ``stiffness @ evecs = diag(mass) @ evecs @ diag(evals)`` for the smallest eigenvalues.
 
-    Shift-invert Lanczos with a fixed start vector, so that every run returns the same result.
+    Block Lanczos on the shifted inverse, with full orthogonalisation and fixed start vectors, so that every run returns
+    the same result. Residuals relative to max(eigenvalue, 1) are below 1e-9.
 
     Parameters
     ----------
@@ -53,19 +64,67 @@ def laplacian_eigenbasis(stiffness: SparseMatrix, mass: FloatArray, n_components
     root = np.sqrt(mass)
     scale = sp.diags_array(1 / root)
     symmetric = sp.csc_array(scale @ stiffness @ scale)
-    shifted = sp.csc_array(symmetric - _SHIFT * sp.eye_array(len(mass)))
-    solver = splu(shifted, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True})
-    inverse = LinearOperator(shifted.shape, matvec=solver.solve, dtype=np.float64)
-    start = np.random.default_rng(0).standard_normal(len(mass))
-    try:
-        evals, vectors = eigsh(symmetric, n_components, sigma=_SHIFT, OPinv=inverse, v0=start)
-    except ArpackNoConvergence as error:
-        raise np.linalg.LinAlgError(f"the eigen-solver did not converge: {error}") from error
-    order = np.argsort(evals, kind="stable")
-    evals, evecs = np.maximum(evals[order], 0.0), vectors[:, order] / root[:, None]
+    if len(mass) <= max(_SMALL, _LARGE_PART * n_components):
+        evals, vectors = np.linalg.eigh(symmetric.toarray())
+        evals, vectors = evals[:n_components], vectors[:, :n_components]
+    else:
+        evals, vectors = _block_lanczos(symmetric, root, n_components)
+    evals, evecs = np.maximum(evals, 0.0), vectors / root[:, None]
     evals[0] = 0.0
     evecs[:, 0] = 1 / np.sqrt(mass.sum())
-    return evals, fix_signs(evecs, mass)
+    # Column by column in memory: fewer of them are a part that is contiguous as well.
+    return evals, np.asfortranarray(fix_signs(evecs, mass))
+
+
+def _block_lanczos(A: SparseMatrix, null: FloatArray, n_wanted: int) -> tuple[FloatArray, FloatArray]:
+    """Return the smallest eigenvalues of a matrix whose null space is known, ascending, and their vectors.
+
+    A basis of the Krylov space of K = (A + shift)^-1 grows by a block at a time, each one the part of K times the block
+    before that is new. One more application of K takes rounding errors of high frequency out of the Ritz vectors.
+    """
+    n = len(null)
+    shifted = sp.csc_array(A + _SHIFT * sp.eye_array(n))
+    solver = splu(shifted, permc_spec="COLAMD", diag_pivot_thresh=0.0, options={"SymmetricMode": True})
+    most = min(n - _BLOCK, int(_MOST * n_wanted) + 100)
+    Q = np.empty((n, most + _BLOCK), order="F")  # columns are touched as they are needed
+    Q[:, 0] = null / np.linalg.norm(null)
+    block = np.random.default_rng(0).standard_normal((n, _BLOCK))
+    Q[:, 1 : 1 + _BLOCK] = _orthonormal(block - np.outer(Q[:, 0], Q[:, 0] @ block))[0]
+    H = np.zeros((most + _BLOCK, most + _BLOCK))
+    H[0, 0] = 1 / _SHIFT
+    begin, end, look = 1, 1 + _BLOCK, int(_FIRST_LOOK * n_wanted)
+    while True:
+        W = np.asarray(solver.solve(np.ascontiguousarray(Q[:, begin:end])))
+        near = slice(max(0, begin - _BLOCK), end)  # K is symmetric: nothing else is left but rounding
+        H[near, begin:end] = Q[:, near].T @ W
+        H[begin:end, near] = H[near, begin:end].T
+        W -= Q[:, near] @ H[near, begin:end]
+        W -= Q[:, :end] @ (Q[:, :end].T @ W)
+        new, coupling = _orthonormal(W)
+        if end >= look:
+            theta, s = scipy.linalg.eigh(H[:end, :end], subset_by_index=(end - n_wanted, end - 1))
+            errors = np.linalg.norm(coupling @ s[begin:end], axis=0) / theta**2
+            if (errors <= _TOLERANCE * np.maximum(1 / theta, 1)).all():
+                return _rayleigh_ritz(A, solver.solve(Q[:, :end] @ (s / theta)))
+            if end + _BLOCK > most:
+                raise np.linalg.LinAlgError(
+                    f"the eigen-solver did not converge: residual {errors.max():.1g} after {end} vectors"
+                )
+            look = end + max(_BLOCK, n_wanted // 12)
+        Q[:, end : end + _BLOCK] = new
+        begin, end = end, end + _BLOCK
+
+
+def _orthonormal(block: FloatArray) -> tuple[FloatArray, FloatArray]:
+    Q, R = scipy.linalg.qr(block, mode="economic", check_finite=False)
+    return np.asarray(Q), np.asarray(R)
+
+
+def _rayleigh_ritz(A: SparseMatrix, vectors: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return the best eigenvalues and orthonormal eigenvectors within the span of some vectors."""
+    within = vectors.T @ (A @ vectors)
+    evals, mixing = scipy.linalg.eigh((within + within.T) / 2, vectors.T @ vectors)
+    return np.asarray(evals), np.asarray(vectors @ mixing)
 
 
 def fix_signs(evecs: FloatArray, mass: FloatArray) -> FloatArray:
@@ -73,8 +132,8 @@ def fix_signs(evecs: FloatArray, mass: FloatArray) -> FloatArray:
 
     Where that integral is nil to rounding (antisymmetric functions), the entry of largest magnitude is made positive.
     """
-    skewness = mass @ evecs**3
-    size = mass @ np.abs(evecs) ** 3
+    cubes = evecs * evecs * evecs
+    skewness, size = mass @ cubes, mass @ np.abs(cubes)
     largest = np.take_along_axis(evecs, np.argmax(np.abs(evecs), axis=0)[None], axis=0)[0]
     deciding = np.where(np.abs(skewness) > 1e-6 * size, skewness, largest)
     return np.asarray(np.where(deciding < 0, -evecs, evecs))
