@@ -1,13 +1,13 @@
-"""Reading and writing meshes, vertex order kept."""
+"""Reading and writing meshes, vertex order kept. Trimesh is imported when a file is read or written, not before."""
 
 import io
 import re
+import sys
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-import trimesh
 
 from skfmap._typing import FloatArray, IntArray
 from skfmap._validation import check_samples
@@ -53,6 +53,8 @@ def read_mesh(path: str | Path) -> Mesh:
         raise MeshError(f"{path} has the suffix {suffix!r}; skfmap reads {', '.join(MESH_SUFFIXES)}.")
     if not path.is_file():
         raise FileNotFoundError(f"There is no mesh file {path}.")
+    import trimesh  # noqa: PLC0415
+
     content = path.read_bytes()
     if suffix == ".off":
         content = _without_comments(content)
@@ -74,6 +76,8 @@ def write_mesh(mesh: Mesh, path: str | Path) -> None:
     suffix = Path(path).suffix.lower()
     if suffix not in MESH_SUFFIXES:
         raise ValueError(f"{path} has the suffix {suffix!r}; skfmap writes {', '.join(MESH_SUFFIXES)}.")
+    import trimesh  # noqa: PLC0415
+
     trimesh.Trimesh(mesh.vertices, mesh.faces, process=False).export(path)
 
 
@@ -84,7 +88,7 @@ def as_mesh(item: Any, position: int | None = None) -> Mesh:
     if isinstance(item, (str, Path)):
         return read_mesh(item)
     name = None if position is None else f"shape {position}"
-    if isinstance(item, trimesh.Trimesh):
+    if _is_trimesh(item):
         return Mesh(item.vertices, item.faces, name=item.metadata.get("name") or name)
     if isinstance(item, (tuple, list)) and len(item) == 2:
         return Mesh(item[0], item[1], name=name)
@@ -97,18 +101,24 @@ def as_mesh(item: Any, position: int | None = None) -> Mesh:
 
 def as_meshes(X: Any) -> list[Mesh]:
     """Return the meshes of ``X``; one bare mesh, (vertices, faces) pair or path is a TypeError."""
-    if isinstance(X, (Mesh, trimesh.Trimesh, str, Path)) or _is_bare_pair(X):
+    if isinstance(X, (Mesh, str, Path)) or _is_trimesh(X) or _is_bare_pair(X):
         raise TypeError(
             f"X must be a sequence of meshes, but it is one mesh ({type(X).__name__}); wrap it in a list: [X]."
         )
     return [as_mesh(item, i) for i, item in enumerate(check_samples(X, "meshes"))]
 
 
+def _is_trimesh(item: Any) -> bool:
+    """Tell a trimesh.Trimesh without importing trimesh, which takes a while: whoever has one has imported it."""
+    trimesh = sys.modules.get("trimesh")
+    return trimesh is not None and isinstance(item, trimesh.Trimesh)
+
+
 def _is_bare_pair(X: Any) -> bool:
     """Tell (vertices, faces) from a sequence of two meshes: its second item is a table of whole numbers."""
     if not isinstance(X, Sequence) or isinstance(X, (str, bytes)) or len(X) != 2:
         return False
-    if isinstance(X[0], (Mesh, trimesh.Trimesh, str, Path)):
+    if isinstance(X[0], (Mesh, str, Path)) or _is_trimesh(X[0]):
         return False
     try:
         faces = np.asarray(X[1])

@@ -1,5 +1,7 @@
 """Mesh files: vertices keep number and order, or the file is refused."""
 
+import subprocess
+import sys
 import warnings
 from pathlib import Path
 
@@ -344,3 +346,9 @@ def test_what_is_no_mesh_is_refused_by_its_place(tetrahedron):
 
 def test_paths_in_a_string_array_are_paths(forms):
     assert len(as_meshes(np.array([forms["str"], forms["str"]]))) == 2
+
+
+def test_the_import_brings_in_neither_trimesh_nor_matplotlib():
+    code = "import sys, skfmap; print([name for name in ('trimesh', 'matplotlib') if name in sys.modules])"
+    found = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert found.stdout.strip() == "[]"
