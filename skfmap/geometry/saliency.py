@@ -42,7 +42,7 @@ def gaussian_averages(values: FloatArray, stiffness: SparseMatrix, mass: FloatAr
     step = times.min() / 2
     n_steps = int(np.ceil(times.max() / step - 1e-9))
     system = sp.csc_array(sp.diags_array(mass) + step * stiffness)
-    solver = splu(system, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True})
+    solver = splu(system, permc_spec="COLAMD", diag_pivot_thresh=0.0, options={"SymmetricMode": True})
     position = times / step
     before, averages = values, np.empty((len(values), len(times)))
     for i in range(n_steps):

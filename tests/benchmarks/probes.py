@@ -2,7 +2,7 @@
 
     python tests/benchmarks/probes.py
 
-Meshes of 5,000 vertices (a creature), and spheres of 10,242, 40,962 and 163,842; a TOSCA cat of 27,894 if the data
+Meshes of 5,000 vertices (a creature), and spheres of 4,098, 16,386 and 65,538; a TOSCA cat of 27,894 if the data
 folder is there. One thread; basis computed before. Memory is what numpy allocated at most, over what was there.
 """
 
