@@ -5,7 +5,7 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import Any, Self
 
 import numpy as np
-from joblib import effective_n_jobs
+from joblib import cpu_count, effective_n_jobs
 from sklearn.base import BaseEstimator, clone
 from sklearn.exceptions import ConvergenceWarning
 from sklearn.utils import Tags
@@ -559,7 +559,7 @@ class WeightedFunctionalMapLearner(CallbackSupportMixin, Versioned, BaseEstimato
         learned = learn_functional_maps(
             **arrays,
             **self._options(training.reference),
-            n_threads=effective_n_jobs(self.n_jobs),
+            n_threads=min(effective_n_jobs(self.n_jobs), cpu_count()),  # a cluster's workers are not threads here
             callback=after_iteration,
         )
         if not (learned.optimum.converged or learned.optimum.stopped):
