@@ -14,7 +14,7 @@ from sklearn.pipeline import make_pipeline
 
 import skfmap
 from skfmap.datasets import make_creatures
-from skfmap.plotting import plot_reliability
+from skfmap.plotting import ReliabilityDisplay
 
 creatures = make_creatures(n_shapes=11, n_vertices=1000)
 model = make_pipeline(
@@ -35,7 +35,7 @@ for ax, refine in zip(axes, (None, "bijective-zoomout"), strict=True):
     errors = learner.pair_errors(shapes, new_truths, refine=refine)
     expected = np.concatenate([m.expected_error[e.vertices] for m, e in zip(matches, errors, strict=True)])
     true = np.concatenate([e.direct for e in errors])
-    plot_reliability(expected, true, ax=ax)
+    ReliabilityDisplay.from_predictions(expected, true, ax=ax)
     ax.set_title(f"refine={refine}")
     trusted = expected <= np.median(expected)
     print(f"refine={refine}: mean error {true.mean():.4f}, of the half most trusted {true[trusted].mean():.4f}")

@@ -20,7 +20,7 @@ from skfmap.descriptors import DescriptorTransformer
 from skfmap.functional.weighting import WEIGHTINGS
 from skfmap.learner import WeightedFunctionalMapLearner
 from skfmap.metrics import ERROR_KINDS, PairErrors, reference_distances
-from skfmap.plotting import plot_matches
+from skfmap.plotting import Camera, plot_matches
 from skfmap.shapes import Correspondence, Match, Mesh, ProbedShape
 
 # How points are matched: in all functions alike, in the p most stable, in all weighted by stability.
@@ -228,7 +228,8 @@ def _save(
     picture, model = options.output / "matches.png", options.output / "model.joblib"
     captions = [f"error {100 * errors.mean('direct'):.1f} % of sqrt(area)" for errors in result.errors["soft"]]
     meshes = [collection.meshes[i] for i in left_out]
-    plot_matches(result.matches, meshes, collection.meshes[0], path=picture, up=options.up, captions=captions)
+    camera = Camera(options.up)
+    plot_matches(result.matches, meshes, collection.meshes[0], path=picture, camera=camera, captions=captions)
     learner = WeightedFunctionalMapLearner(n_functions=options.functions).fit(shapes, collection.correspondences)
     basis, probes = (step.set_params(memory=None, n_jobs=None) for step in _transformers(options))
     joblib.dump(make_pipeline(basis, probes, learner), model)

@@ -7,7 +7,7 @@ from sklearn.model_selection._search import BaseSearchCV
 from sklearn.pipeline import Pipeline
 from sklearn.utils.validation import check_is_fitted
 
-__all__ = ["learner_and_shapes"]
+__all__ = ["fitted_learner", "learner_and_shapes"]
 
 
 def learner_and_shapes(model: Any, X: Sequence[Any]) -> tuple[Any, Sequence[Any]]:
@@ -15,6 +15,18 @@ def learner_and_shapes(model: Any, X: Sequence[Any]) -> tuple[Any, Sequence[Any]
 
     ``model`` is a learner, a Pipeline that ends in one, or a fitted search over either.
     """
+    learner, steps = _unwrap(model)
+    for before in steps:
+        X = before.transform(X) if len(before) else X
+    return learner, X
+
+
+def fitted_learner(model: Any) -> Any:
+    """Return the fitted learner at the end of ``model``."""
+    return _unwrap(model)[0]
+
+
+def _unwrap(model: Any) -> tuple[Any, list[Any]]:
     learner, steps = model, []
     while not hasattr(learner, "functional_maps"):
         if isinstance(learner, Pipeline):
@@ -29,6 +41,4 @@ def learner_and_shapes(model: Any, X: Sequence[Any]) -> tuple[Any, Sequence[Any]
                 f"got {type(model).__name__}."
             )
     check_is_fitted(learner)
-    for before in steps:
-        X = before.transform(X) if len(before) else X
-    return learner, X
+    return learner, steps

@@ -28,7 +28,7 @@ from skfmap._version import Versioned
 from skfmap.functional.learning import LearnedMaps, learn_functional_maps
 from skfmap.functional.regularization import LEARNED, REGULARIZERS
 from skfmap.functional.weighting import WEIGHTINGS
-from skfmap.ground_truth import join_with_reference, known_maps
+from skfmap.ground_truth import ground_truth_maps, join_with_reference, known_maps
 from skfmap.metrics import PairErrors, pair_errors, reference_distances
 from skfmap.shapes import Correspondence, Match, ProbedShape
 
@@ -277,6 +277,33 @@ class WeightedFunctionalMapLearner(CallbackSupportMixin, Versioned, BaseEstimato
         shapes = self._check_new(X)
         arguments = ((self._matcher(), shape) for shape in shapes)
         return np.stack(map_shapes(learned_map, arguments, n_jobs=self.n_jobs, verbose=0, prefer="threads"))
+
+    def ground_truth_maps(self, X: Sequence[ProbedShape], y: Sequence[Any]) -> FloatArray:
+        """Return the maps C_i that known correspondences make, to compare `functional_maps` with.
+
+        Parameters
+        ----------
+        X, y : sequence of ProbedShape, sequence of correspondences
+            Shapes and where they lie on the template.
+
+        Returns
+        -------
+        maps : ndarray of shape (n_shapes, k, k)
+            From functions on the reference to functions on each shape.
+
+        Raises
+        ------
+        CorrespondenceError
+            If a shape and the reference share fewer than k distinct landmarks.
+        """
+        shapes = self._check_new(X)
+        truths = check_correspondences(y, shapes)
+        reference, k = self.reference_, len(self.stable_basis_)
+        joins = [
+            join_with_reference(truth, shape, self.reference_correspondence_, reference)
+            for truth, shape in zip(truths, shapes, strict=True)
+        ]
+        return ground_truth_maps(shapes, reference, joins, k, memory=self.memory, n_jobs=self.n_jobs)
 
     def predict(self, X: Sequence[ProbedShape]) -> FloatArray:
         """Return the reduced maps X_i(D) Y_p of section 4.2.

@@ -5,6 +5,7 @@ import numpy as np
 
 from skfmap._typing import FloatArray, IntArray, SparseMatrix
 from skfmap.geometry.faults import boundary_vertices, degenerate_faces
+from skfmap.geometry.normals import vertex_normals
 
 __all__ = ["clip_by_area", "gaussian_curvature", "log_magnitude", "mean_curvature"]
 
@@ -28,7 +29,7 @@ def mean_curvature(vertices: FloatArray, faces: IntArray, stiffness: SparseMatri
     Positive where the surface is convex (1 / r on a sphere of radius r), given faces wound outwards.
     """
     laplacian = (stiffness @ vertices) / mass[:, None]
-    normals = np.nan_to_num(igl.per_vertex_normals(vertices, faces, igl.PER_VERTEX_NORMALS_WEIGHTING_TYPE_AREA))
+    normals = vertex_normals(vertices, faces)
     curvature = np.asarray((laplacian * normals).sum(axis=1) / 2)
     curvature[boundary_vertices(faces, len(vertices))] = 0.0
     return curvature

@@ -1,4 +1,4 @@
-"""Pictures that can be told from blank ones, and the main job as a person runs it."""
+"""The main job as a person runs it."""
 
 import joblib
 import numpy as np
@@ -7,40 +7,6 @@ from matplotlib.image import imread
 
 from skfmap.__main__ import main
 from skfmap.io import write_mesh
-from skfmap.plotting import plot_function, plot_matches, plot_reliability
-
-
-def test_a_function_is_drawn_in_its_colours(collection, tmp_path):
-    mesh = collection.meshes[0]
-    axes = plot_function(mesh, mesh.vertices[:, 0], up="z")
-    (drawn,) = axes.collections
-    assert len(drawn.get_paths()) == mesh.n_faces
-    axes.figure.savefig(tmp_path / "function.png")
-    assert imread(tmp_path / "function.png")[..., :3].std() > 0.05
-
-
-def test_colours_of_a_match_are_those_of_the_matched_vertices(collection, fitted, probed):
-    mesh, (match,) = collection.meshes[5], fitted.match(probed[5:])
-    figure = plot_matches([match], [mesh], collection.meshes[0], captions=["caption"])
-    assert "body5\ncaption" in [axes.get_title() for axes in figure.axes]
-    with pytest.raises(ValueError, match="one mesh per match"):
-        plot_matches([match], [], collection.meshes[0])
-
-
-def test_reliability_is_the_mean_error_of_equal_bins():
-    expected = np.linspace(0, 1, 100)
-    axes = plot_reliability(expected[::-1], 2 * expected[::-1], n_bins=4)
-    x, y = axes.lines[0].get_data()
-    np.testing.assert_allclose(x, expected.reshape(4, 25).mean(axis=1))
-    np.testing.assert_allclose(y, 2 * x)
-    with pytest.raises(ValueError, match="equally long"):
-        plot_reliability(expected, expected[:5])
-
-
-def test_the_least_stable_part_of_the_reference_can_be_looked_at(fitted, probed):
-    where = fitted.stability_function()
-    spread = np.sqrt(fitted.reference_.spectral.mass @ where**2)
-    np.testing.assert_allclose(spread, np.linalg.norm(fitted.stability_) / 2, rtol=1e-9)  # of four training shapes
 
 
 @pytest.fixture

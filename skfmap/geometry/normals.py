@@ -1,0 +1,16 @@
+"""Normals at vertices."""
+
+import igl
+import numpy as np
+
+from skfmap._typing import FloatArray, IntArray
+
+__all__ = ["vertex_normals"]
+
+
+def vertex_normals(vertices: FloatArray, faces: IntArray) -> FloatArray:
+    """Return unit normals at vertices, the means of those of their faces weighted by area, shape (n_vertices, 3).
+
+    Zero where faces have no area, or cancel each other.
+    """
+    return np.nan_to_num(igl.per_vertex_normals(vertices, faces, igl.PER_VERTEX_NORMALS_WEIGHTING_TYPE_AREA))

@@ -1,0 +1,24 @@
+"""Pictures of functions on meshes, of matches and of learned models; matplotlib without a screen, or pages to turn."""
+
+from skfmap.plotting._basis_error import BasisErrorDisplay
+from skfmap.plotting._camera import Camera
+from skfmap.plotting._error_curve import ErrorCurveDisplay
+from skfmap.plotting._page import write_functions_page, write_matches_page
+from skfmap.plotting._pictures import plot_function, plot_functions, plot_matches
+from skfmap.plotting._reliability import ReliabilityDisplay
+from skfmap.plotting._singular_values import SingularValuesDisplay
+from skfmap.plotting._weights import WeightsDisplay
+
+__all__ = [
+    "BasisErrorDisplay",
+    "Camera",
+    "ErrorCurveDisplay",
+    "ReliabilityDisplay",
+    "SingularValuesDisplay",
+    "WeightsDisplay",
+    "plot_function",
+    "plot_functions",
+    "plot_matches",
+    "write_functions_page",
+    "write_matches_page",
+]

@@ -1,0 +1,28 @@
+"""Axes to draw curves on."""
+
+from typing import Any
+
+__all__ = ["axes_or_new", "finish"]
+
+# Okabe and Ito's colours, which the colour-blind can tell apart.
+_COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
+
+
+def axes_or_new(ax: Any) -> Any:
+    """Return ``ax``, or those of a new figure; where nothing is drawn yet, colours are set."""
+    from matplotlib import pyplot as plt  # noqa: PLC0415
+
+    drawn = plt.subplots(figsize=(6.4, 4.2), layout="constrained")[1] if ax is None else ax
+    if not drawn.lines:
+        drawn.set_prop_cycle(color=_COLOURS)
+    return drawn
+
+
+def finish(ax: Any, **labels: Any) -> None:
+    """Label axes in the reader's words, with a grid that stays behind, and a legend if anything has a name."""
+    ax.set(**labels)
+    ax.grid(alpha=0.25, linewidth=0.6)
+    ax.set_axisbelow(True)
+    ax.spines[["top", "right"]].set_visible(False)
+    if ax.get_legend_handles_labels()[1]:
+        ax.legend(frameon=False)

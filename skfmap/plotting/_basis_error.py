@@ -1,0 +1,135 @@
+"""How well each function of Y is mapped (equation 5; figure 5, left)."""
+
+from collections.abc import Sequence
+from typing import Any, Self
+
+import numpy as np
+
+from skfmap._unwrap import learner_and_shapes
+from skfmap.metrics import basis_error
+from skfmap.plotting._axes import axes_or_new, finish
+
+__all__ = ["BasisErrorDisplay"]
+
+
+class BasisErrorDisplay:
+    """Error (5) of the functions of Y, in the order that training gave them: rising, if that order holds.
+
+    Parameters
+    ----------
+    errors : array-like of shape (n_shapes, k)
+        |(X_i(D) - C_i) y_j| for each shape and function, the most stable function first.
+    name : str, optional
+        What the curve is called in the legend.
+
+    Attributes
+    ----------
+    ax_, figure_, line_ : matplotlib Axes, Figure, Line2D
+        What was drawn: the mean over the shapes.
+
+    See Also
+    --------
+    skfmap.metrics.basis_error : The same numbers.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from skfmap.plotting import BasisErrorDisplay
+    >>> display = BasisErrorDisplay.from_predictions(np.eye(3), np.diag([1.0, 0.75, 0.5]), np.eye(3))
+    >>> display.errors.tolist()
+    [[0.0, 0.25, 0.5]]
+    """
+
+    def __init__(self, errors: Any, *, name: str | None = None) -> None:
+        self.errors = errors
+        self.name = name
+
+    @classmethod
+    def from_estimator(
+        cls, model: Any, X: Sequence[Any], y: Sequence[Any], *, name: str | None = None, ax: Any = None, **kwargs: Any
+    ) -> Self:
+        """Draw how well a fitted model maps its stable functions to shapes of known correspondence.
+
+        Parameters
+        ----------
+        model : WeightedFunctionalMapLearner, Pipeline or fitted search
+            The model.
+        X, y : sequence, sequence of correspondences
+            Shapes that it was not trained on, and where they lie on the template.
+        name : str, optional
+            In the legend.
+        ax : matplotlib Axes, optional
+            Where to draw; a new figure by default.
+        **kwargs : dict
+            Of the line.
+
+        Returns
+        -------
+        BasisErrorDisplay
+            What was drawn.
+        """
+        learner, shapes = learner_and_shapes(model, X)
+        maps, known = learner.functional_maps(shapes), learner.ground_truth_maps(shapes, y)
+        return cls.from_predictions(maps, known, learner.stable_basis_, name=name, ax=ax, **kwargs)
+
+    @classmethod
+    def from_predictions(
+        cls,
+        maps: Any,
+        known_maps: Any,
+        stable_basis: Any,
+        *,
+        name: str | None = None,
+        ax: Any = None,
+        **kwargs: Any,
+    ) -> Self:
+        """Draw how far functional maps of a basis are from the known ones.
+
+        Parameters
+        ----------
+        maps, known_maps : array-like of shape (k, k) or (n_shapes, k, k)
+            X_i(D) and C_i, from functions on the reference to functions on each shape.
+        stable_basis : array-like of shape (k, k)
+            Y, the most stable function first.
+        name, ax, **kwargs : optional
+            As in `from_estimator`.
+
+        Returns
+        -------
+        BasisErrorDisplay
+            What was drawn.
+        """
+        maps, known_maps, Y = (np.asarray(array, dtype=np.float64) for array in (maps, known_maps, stable_basis))
+        pairs = zip(maps.reshape(-1, *maps.shape[-2:]), known_maps.reshape(-1, *known_maps.shape[-2:]), strict=True)
+        return cls(np.stack([basis_error(X, C, Y) for X, C in pairs]), name=name).plot(ax, **kwargs)
+
+    def plot(self, ax: Any = None, *, name: str | None = None, **kwargs: Any) -> Self:
+        """Draw the curve; several may share axes.
+
+        Parameters
+        ----------
+        ax : matplotlib Axes, optional
+            Where to draw; a new figure by default.
+        name : str, optional
+            In the legend.
+        **kwargs : dict
+            Of the line.
+
+        Returns
+        -------
+        BasisErrorDisplay
+            Itself.
+        """
+        errors = np.atleast_2d(self.errors)
+        ax = axes_or_new(ax)
+        order = np.arange(1, errors.shape[1] + 1)
+        (self.line_,) = ax.plot(order, errors.mean(axis=0), label=name or self.name, **kwargs)
+        finish(
+            ax,
+            xlabel="function of the stable basis, most stable first",
+            ylabel="error of its image, equation (5)",
+            xlim=(1, errors.shape[1]),
+            ylim=(0, None),
+        )
+        self.ax_, self.figure_ = ax, ax.figure
+        return self

@@ -1,0 +1,98 @@
+"""Colours: perceptually uniform, and told apart by the colour-blind."""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from skfmap._typing import FloatArray
+from skfmap.shapes import Mesh
+
+__all__ = ["CONFIDENCE", "ERRORS", "UNKNOWN", "Scale", "colours_of_position", "scale_of"]
+
+UNKNOWN = (0.72, 0.72, 0.72)
+"""Grey, for vertices that have no value."""
+
+# On a lit surface what is light is easier to see: small errors and high confidence are light.
+SEQUENTIAL, DIVERGING, ERRORS, CONFIDENCE = "viridis", "coolwarm", "magma_r", "magma"
+
+
+@dataclass(frozen=True)
+class Scale:
+    """How values become colours.
+
+    Attributes
+    ----------
+    cmap : str
+        Name of a colour map of matplotlib.
+    low, high : float
+        Values at its ends.
+    label : str
+        What the values are.
+    """
+
+    cmap: str
+    low: float
+    high: float
+    label: str = ""
+
+    def colours(self, values: Any) -> FloatArray:
+        """Return the colours of values, shape (n, 3); masked and undefined values are grey."""
+        import matplotlib as mpl  # noqa: PLC0415
+
+        filled = undefined_as_nan(values)
+        share = (filled - self.low) / max(self.high - self.low, np.finfo(float).tiny)
+        colours = mpl.colormaps[self.cmap](np.clip(np.nan_to_num(share), 0, 1))[:, :3]
+        colours[np.isnan(filled)] = UNKNOWN
+        return np.asarray(colours)
+
+
+def undefined_as_nan(values: Any) -> FloatArray:
+    """Return values as floats, NaN where they are masked or infinite."""
+    filled = np.ma.filled(np.ma.asarray(values).astype(np.float64), np.nan)
+    return np.where(np.isfinite(filled), filled, np.nan)
+
+
+def scale_of(values: list[Any], cmap: str | None = None, limits: Any = None, label: str = "") -> Scale:
+    """Return one scale for several functions: diverging about zero if they have both signs, else sequential."""
+    known = np.concatenate([undefined_as_nan(one) for one in values])
+    known = known[~np.isnan(known)]
+    low, high = (float(known.min()), float(known.max())) if len(known) else (0.0, 1.0)
+    if low < 0 < high:
+        low, high = -max(-low, high), max(-low, high)
+    if limits is not None:
+        low, high = (float(end) for end in limits)
+    return Scale(cmap or (DIVERGING if low < 0 < high else SEQUENTIAL), low, high, label)
+
+
+def colours_of_position(mesh: Mesh) -> FloatArray:
+    """Return a colour for each vertex that tells where on the mesh it is.
+
+    Along the longest axis colours go from blue to yellow, which nearly everyone can tell apart; along the shortest from
+    dark green to light red, and along the third they become lighter (Oklab, Ottosson 2020).
+    """
+    centred = mesh.vertices - mesh.vertices.mean(axis=0)
+    _, axes = np.linalg.eigh(centred.T @ centred)
+    axes = axes * np.where(axes[np.abs(axes).argmax(axis=0), [0, 1, 2]] < 0, -1, 1)
+    along = centred @ axes
+    short, middle, long = (2 * (along - along.min(axis=0)) / np.maximum(np.ptp(along, axis=0), 1e-300) - 1).T
+    return _srgb_of_oklab(0.68 + 0.07 * middle + 0.09 * short, 0.13 * short, 0.13 * long)
+
+
+def _srgb_of_oklab(lightness: FloatArray, red: FloatArray, yellow: FloatArray) -> FloatArray:
+    roots = np.column_stack(
+        [
+            lightness + 0.3963377774 * red + 0.2158037573 * yellow,
+            lightness - 0.1055613458 * red - 0.0638541728 * yellow,
+            lightness - 0.0894841775 * red - 1.2914855480 * yellow,
+        ]
+    )
+    to_linear = np.array(
+        [
+            [4.0767416621, -3.3077115913, 0.2309699292],
+            [-1.2684380046, 2.6097574011, -0.3413193965],
+            [-0.0041960863, -0.7034186147, 1.7076147010],
+        ]
+    )
+    linear = np.clip(roots**3 @ to_linear.T, 0, 1)
+    return np.where(linear <= 0.0031308, 12.92 * linear, 1.055 * linear ** (1 / 2.4) - 0.055)

@@ -1,0 +1,165 @@
+"""How many points are matched how well (figure 5, right)."""
+
+from collections.abc import Sequence
+from typing import Any, Self
+
+import numpy as np
+
+from skfmap._unwrap import learner_and_shapes
+from skfmap._validation import check_choice
+from skfmap.metrics import ERROR_KINDS, PairErrors, error_curve
+from skfmap.plotting._axes import axes_or_new, finish
+
+__all__ = ["ErrorCurveDisplay"]
+
+_SYMMETRIC = {
+    "direct": "",
+    "consistent": ", the symmetric answer correct if it is so everywhere",
+    "per_vertex": ", symmetric answers correct",
+}
+
+
+class ErrorCurveDisplay:
+    """Share of the points whose geodesic error is below a threshold.
+
+    Parameters
+    ----------
+    errors : ndarray of shape (n,)
+        Geodesic errors, in units of sqrt(area) of the reference.
+    weights : ndarray of shape (n,), optional
+        Weight of each; all alike by default.
+    kind : {"direct", "consistent", "per_vertex"}, default="direct"
+        What symmetric answers counted for; it is said on the axis.
+    name : str, optional
+        What the curve is called in the legend.
+
+    Attributes
+    ----------
+    ax_, figure_, line_ : matplotlib Axes, Figure, Line2D
+        What was drawn.
+
+    See Also
+    --------
+    skfmap.metrics.error_curve : The same numbers.
+    ReliabilityDisplay : Whether the errors were expected.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from skfmap.plotting import ErrorCurveDisplay
+    >>> display = ErrorCurveDisplay.from_predictions(np.array([0.0, 0.02, 0.2, 0.05]))
+    >>> display.plot(largest=0.1).line_.get_ydata()[-1].item()  # three of four are below 0.1
+    75.0
+    """
+
+    def __init__(self, errors: Any, *, weights: Any = None, kind: str = "direct", name: str | None = None) -> None:
+        self.errors = errors
+        self.weights = weights
+        self.kind = kind
+        self.name = name
+
+    @classmethod
+    def from_estimator(
+        cls,
+        model: Any,
+        X: Sequence[Any],
+        y: Sequence[Any],
+        *,
+        kind: str = "direct",
+        matching: str | None = None,
+        n_stable: float | None = None,
+        refine: str | None = "fitted",
+        reference_y: Any = None,
+        name: str | None = None,
+        ax: Any = None,
+        **kwargs: Any,
+    ) -> Self:
+        """Match shapes of known correspondence with a fitted model and draw the errors.
+
+        Parameters
+        ----------
+        model : WeightedFunctionalMapLearner, Pipeline or fitted search
+            The model.
+        X, y : sequence, sequence of correspondences
+            Shapes that it was not trained on, and where they lie on the template.
+        kind : {"direct", "consistent", "per_vertex"}, default="direct"
+            What symmetric answers count for; see `skfmap.metrics`.
+        matching, n_stable, refine, reference_y : optional
+            As in `skfmap.WeightedFunctionalMapLearner.pair_errors`: ``matching="cut", n_stable=1.0`` are full maps.
+        name : str, optional
+            In the legend.
+        ax : matplotlib Axes, optional
+            Where to draw; a new figure by default.
+        **kwargs : dict
+            Of `plot`.
+
+        Returns
+        -------
+        ErrorCurveDisplay
+            What was drawn.
+        """
+        learner, shapes = learner_and_shapes(model, X)
+        errors = learner.pair_errors(
+            shapes, y, matching=matching, n_stable=n_stable, refine=refine, reference_y=reference_y
+        )
+        return cls.from_predictions(errors, kind=kind, name=name, ax=ax, **kwargs)
+
+    @classmethod
+    def from_predictions(
+        cls, errors: Any, *, kind: str = "direct", name: str | None = None, ax: Any = None, **kwargs: Any
+    ) -> Self:
+        """Draw errors that were computed before.
+
+        Parameters
+        ----------
+        errors : sequence of PairErrors, or ndarray of shape (n,)
+            Of `skfmap.WeightedFunctionalMapLearner.pair_errors`, or plain errors.
+        kind, name, ax, **kwargs : optional
+            As in `from_estimator`.
+
+        Returns
+        -------
+        ErrorCurveDisplay
+            What was drawn.
+        """
+        check_choice(kind, "kind", ERROR_KINDS)
+        weights = None
+        if isinstance(errors, PairErrors):
+            errors = [errors]
+        if isinstance(errors, (list, tuple)) and all(isinstance(one, PairErrors) for one in errors):
+            weights = np.concatenate([one.weights for one in errors])
+            errors = np.concatenate([one.of_kind(kind) for one in errors])
+        return cls(np.asarray(errors), weights=weights, kind=kind, name=name).plot(ax, **kwargs)
+
+    def plot(self, ax: Any = None, *, name: str | None = None, largest: float = 0.25, **kwargs: Any) -> Self:
+        """Draw the curve; several may share axes.
+
+        Parameters
+        ----------
+        ax : matplotlib Axes, optional
+            Where to draw; a new figure by default.
+        name : str, optional
+            In the legend.
+        largest : float, default=0.25
+            Error at the right end, in units of sqrt(area).
+        **kwargs : dict
+            Of the line.
+
+        Returns
+        -------
+        ErrorCurveDisplay
+            Itself.
+        """
+        thresholds = np.linspace(0, largest, 200)
+        ax = axes_or_new(ax)
+        share = 100 * error_curve(np.asarray(self.errors), thresholds, self.weights)
+        (self.line_,) = ax.plot(thresholds, share, label=name or self.name, **kwargs)
+        finish(
+            ax,
+            xlabel="geodesic error / sqrt(area)" + _SYMMETRIC[self.kind],
+            ylabel="points below, %",
+            xlim=(0, largest),
+            ylim=(0, 101),
+        )
+        self.ax_, self.figure_ = ax, ax.figure
+        return self

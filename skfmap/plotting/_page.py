@@ -1,0 +1,285 @@
+"""Shapes to turn, in a page that any browser opens without a server or a network; drawn by plotly, an extra."""
+
+import html
+import json
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from skfmap._typing import FloatArray, IntArray
+from skfmap.plotting._camera import Camera
+from skfmap.plotting._colours import UNKNOWN, Scale, undefined_as_nan
+from skfmap.plotting._scene import Panel, Scene, scene_of_functions, scene_of_matches
+from skfmap.shapes import Match
+
+__all__ = ["write_functions_page", "write_matches_page"]
+
+# Browsers keep some sixteen contexts of WebGL, one per shape.
+_MOST_PANELS = 12
+_SIZE = 320  # pixels of a panel
+_COLUMNS = 4
+_ABOVE, _BELOW, _RIGHT = 90, 20, 110  # pixels around the panels, for buttons and scales
+# The last two: normals of small triangles count too.
+_LIGHTING = {"ambient": 0.45, "diffuse": 0.6, "specular": 0.1, "facenormalsepsilon": 0, "vertexnormalsepsilon": 0}
+_LIGHT = {"x": 30_000, "y": -60_000, "z": 90_000}
+_ZOOM, _DISTANCE = 2.7, 4.0
+
+# Turning one shape turns all: the camera of the one that moved is given to the others.
+_LINK_CAMERAS = """
+const page = document.getElementById('{plot_id}');
+const scenes = %s;
+let busy = false;
+page.on('plotly_relayouting', follow);
+page.on('plotly_relayout', follow);
+function follow(change) {
+  const moved = scenes.find(scene => change[scene + '.camera']);
+  if (busy || !moved) return;
+  busy = true;
+  const update = {};
+  for (const scene of scenes) if (scene !== moved) update[scene + '.camera'] = change[moved + '.camera'];
+  Plotly.relayout(page, update).then(() => { busy = false; }, () => { busy = false; });
+}
+"""
+
+
+def write_functions_page(
+    path: str | Path,
+    meshes: Sequence[Any],
+    functions: Sequence[Any],
+    *,
+    captions: Sequence[str] | None = None,
+    labels: Sequence[str] | None = None,
+    cmap: str | None = None,
+    limits: Any = None,
+    camera: Camera | None = None,
+) -> Path:
+    """Write a page with functions on shapes that can be turned; buttons choose the function.
+
+    Parameters
+    ----------
+    path : str or Path
+        File to write, ``.html``. It holds all that it needs, some 5 MB, and opens without a network.
+    meshes, functions, captions, labels, cmap, limits, camera : optional
+        As in `plot_functions`. At most twelve shapes.
+
+    Returns
+    -------
+    Path
+        The file.
+
+    Raises
+    ------
+    ImportError
+        If plotly is not installed.
+    ValueError
+        If meshes, functions and texts do not fit each other, or if there are more than twelve shapes.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> from skfmap.datasets import make_sphere
+    >>> from skfmap.plotting import write_functions_page
+    >>> sphere = make_sphere(n_subdivisions=3)
+    >>> path = tempfile.mkdtemp() + "/sphere.html"
+    >>> write_functions_page(path, [sphere], [sphere.vertices[:, 2]], labels=["height"]).stat().st_size > 1e6
+    True
+    """
+    scene = scene_of_functions(
+        meshes, functions, captions=captions, labels=labels, cmap=cmap, limits=limits, camera=camera
+    )
+    return _write(scene, path, [None] * len(scene.panels), "Functions")
+
+
+def write_matches_page(
+    path: str | Path,
+    matches: Sequence[Match],
+    meshes: Sequence[Any],
+    reference: Any,
+    *,
+    show: Sequence[str] = ("match", "expected error", "confidence"),
+    captions: Sequence[str] | None = None,
+    camera: Camera | None = None,
+    align: bool = True,
+) -> Path:
+    """Write a page with matched shapes that can be turned; buttons choose what is shown of the matches.
+
+    The number of a vertex, and of the vertex of the reference that it is sent to, appear under the pointer.
+
+    Parameters
+    ----------
+    path : str or Path
+        File to write, ``.html``. It holds all that it needs, some 5 MB, and opens without a network.
+    matches, meshes, reference, show, captions, camera, align : optional
+        As in `plot_matches`. At most eleven shapes beside the reference.
+
+    Returns
+    -------
+    Path
+        The file.
+
+    Raises
+    ------
+    ImportError
+        If plotly is not installed.
+    ValueError
+        If matches, meshes and reference do not fit each other, or if there are more than eleven.
+    """
+    scene = scene_of_matches(matches, meshes, reference, show=show, captions=captions, camera=camera, align=align)
+    return _write(scene, path, [None, *(match.p2p for match in matches)], "Matches")
+
+
+def _write(scene: Scene, path: str | Path, targets: Sequence[IntArray | None], title: str) -> Path:
+    """Write a scene; ``targets`` holds the point map of each panel, if it has one."""
+    if Path(path).suffix.lower() not in (".html", ".htm"):
+        raise ValueError(f"A page is an .html file; got {str(path)!r}.")
+    if len(scene.panels) > _MOST_PANELS:
+        raise ValueError(
+            f"A page holds at most {_MOST_PANELS} shapes, since browsers keep few WebGL contexts; got "
+            f"{len(scene.panels)}. Write several pages, or pictures."
+        )
+    go = _plotly()
+    figure = go.Figure(layout=_layout(scene))
+    for column, (panel, target) in enumerate(zip(scene.panels, targets, strict=True)):
+        figure.add_trace(_surface(go, scene, panel, target, column))
+    for row, (scale, label) in enumerate(zip(scene.scales, scene.labels, strict=True)):
+        figure.add_trace(_scale_bar(go, scale, label, visible=row == 0))
+    names = json.dumps([_scene_name(column) for column in range(len(scene.panels))])
+    text = figure.to_html(
+        include_plotlyjs=True, post_script=_LINK_CAMERAS % names, config={"displaylogo": False, "responsive": False}
+    )
+    text = text.replace("<head>", f'<head><meta charset="utf-8" /><title>skfmap: {title}</title>', 1)
+    Path(path).write_text(text, encoding="utf-8")
+    return Path(path)
+
+
+def _plotly() -> Any:
+    try:
+        import plotly.graph_objects as go  # noqa: PLC0415
+    except ImportError as error:
+        raise ImportError(
+            "Pages with shapes to turn are drawn by plotly, which is not installed: pip install 'skfmap[pages]'. "
+            "plot_functions and plot_matches draw pictures without it."
+        ) from error
+    return go
+
+
+def _scene_name(column: int) -> str:
+    return "scene" if column == 0 else f"scene{column + 1}"
+
+
+def _surface(go: Any, scene: Scene, panel: Panel, target: IntArray | None, column: int) -> Any:
+    points, faces = panel.points.astype(np.float32), panel.mesh.faces.astype(np.int32)
+    return go.Mesh3d(
+        **dict(zip("xyz", points.T, strict=True)),
+        **dict(zip("ijk", faces.T, strict=True)),
+        scene=_scene_name(column),
+        name=html.escape(panel.caption),
+        hoverinfo="text",
+        hovertext=_hover(scene, panel, target),
+        lighting=_LIGHTING,
+        lightposition=_LIGHT,
+        vertexcolor=_hexadecimal(_colours(scene, panel, 0)),
+    )
+
+
+def _colours(scene: Scene, panel: Panel, row: int) -> FloatArray:
+    colours = scene.colours(panel, row)
+    return np.tile(UNKNOWN, (panel.mesh.n_vertices, 1)) if colours is None else np.ma.filled(colours, 0.5)
+
+
+def _hexadecimal(colours: FloatArray) -> list[str]:
+    return [
+        f"#{red:02x}{green:02x}{blue:02x}" for red, green, blue in (255 * np.clip(colours, 0, 1)).round().astype(int)
+    ]
+
+
+def _hover(scene: Scene, panel: Panel, target: IntArray | None) -> list[str]:
+    """Return what is said of each vertex under the pointer."""
+    columns = [[f"vertex {v}" for v in range(panel.mesh.n_vertices)]]
+    if target is not None:
+        columns.append([f"vertex {v} of the reference" for v in target])
+    for values, scale, label in zip(panel.values, scene.scales, scene.labels, strict=True):
+        if values is not None and scale is not None:
+            columns.append([f"{html.escape(label)} {value:.4g}" for value in undefined_as_nan(values)])
+    return ["<br>".join(texts) for texts in zip(*columns, strict=True)]
+
+
+def _layout(scene: Scene) -> dict[str, Any]:
+    """Return places of the panels, their captions, one camera, and a button for each row."""
+    n_columns = min(_COLUMNS, len(scene.panels))
+    n_rows = -(-len(scene.panels) // n_columns)
+    layout: dict[str, Any] = {
+        "width": _SIZE * n_columns + _RIGHT,
+        "height": _SIZE * n_rows + _ABOVE + _BELOW,
+        "margin": {"l": 0, "r": _RIGHT, "t": _ABOVE, "b": _BELOW},
+        "font": {"family": "sans-serif", "size": 13},
+        "showlegend": False,
+        "xaxis": {"visible": False},
+        "yaxis": {"visible": False},
+        "plot_bgcolor": "white",
+        "updatemenus": [_buttons(scene)],
+    }
+    shared = _view(scene)
+    captions = []
+    for place, panel in enumerate(scene.panels):
+        x, y = (place % n_columns) / n_columns, 1 - (place // n_columns + 1) / n_rows
+        layout[_scene_name(place)] = {"domain": {"x": [x, x + 1 / n_columns], "y": [y, y + 1 / n_rows]}, **shared}
+        captions.append(_caption(panel, x + 0.5 / n_columns, y + 1 / n_rows))
+    return layout | {"annotations": captions}
+
+
+def _view(scene: Scene) -> dict[str, Any]:
+    """Return camera and axes, the same for all panels."""
+    reach = max(float(np.abs(panel.points).max()) for panel in scene.panels)
+    axis = {"visible": False, "range": [-reach, reach]}
+    return {
+        **dict.fromkeys(("xaxis", "yaxis", "zaxis"), axis),
+        "aspectmode": "manual",
+        "aspectratio": dict.fromkeys("xyz", _ZOOM),
+        "camera": {
+            "eye": dict(zip("xyz", (_DISTANCE * scene.camera.position()).tolist(), strict=True)),
+            "up": {"x": 0, "y": 0, "z": 1},
+            "projection": {"type": "perspective"},  # plotly does not light what it sees orthographically
+        },
+    }
+
+
+def _caption(panel: Panel, x: float, y: float) -> dict[str, Any]:
+    text = html.escape(panel.caption).replace("\n", "<br>")
+    return {"text": text, "x": x, "y": y, "xref": "paper", "yref": "paper", "showarrow": False, "yanchor": "top"}
+
+
+def _scale_bar(go: Any, scale: Scale | None, label: str, *, visible: bool) -> Any:
+    """Return an empty trace that shows a scale of colours."""
+    if scale is None:
+        return go.Scatter(x=[None], y=[None], visible=visible, hoverinfo="skip")
+    stops = np.linspace(0, 1, 33)
+    colours = _hexadecimal(scale.colours(scale.low + stops * (scale.high - scale.low)))
+    marker = {
+        "color": [scale.low],
+        "cmin": scale.low,
+        "cmax": scale.high,
+        "colorscale": list(zip(stops.tolist(), colours, strict=True)),
+        "showscale": True,
+        "colorbar": {
+            "title": {"text": html.escape(scale.label or label), "side": "right"},
+            "len": 0.8,
+            "thickness": 14,
+        },
+    }
+    return go.Scatter(x=[None], y=[None], mode="markers", marker=marker, visible=visible, hoverinfo="skip")
+
+
+def _buttons(scene: Scene) -> dict[str, Any]:
+    """Return a button for each row, which colours all shapes and shows the row's scale."""
+    n_panels, n_rows = len(scene.panels), len(scene.labels)
+    buttons = []
+    for row, label in enumerate(scene.labels):
+        colours = [_hexadecimal(_colours(scene, panel, row)) for panel in scene.panels] + [None] * n_rows
+        shown = [True] * n_panels + [other == row for other in range(n_rows)]
+        text = html.escape(label or f"function {row + 1}")
+        buttons.append({"label": text, "method": "restyle", "args": [{"vertexcolor": colours, "visible": shown}]})
+    place = {"x": 0.01, "xanchor": "left", "y": 1, "yanchor": "bottom", "pad": {"b": 25}}
+    return {"type": "buttons", "direction": "right", "buttons": buttons, "showactive": True, **place}

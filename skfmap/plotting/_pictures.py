@@ -1,0 +1,232 @@
+"""Pictures of functions on meshes and of matches."""
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from skfmap.io import as_mesh
+from skfmap.plotting._camera import Camera
+from skfmap.plotting._colours import Scale, scale_of
+from skfmap.plotting._scene import Scene, check_values, scene_of_functions, scene_of_matches
+from skfmap.plotting._surface import draw_surface
+from skfmap.shapes import Match
+
+__all__ = ["plot_function", "plot_functions", "plot_matches"]
+
+# Inches across a panel; dots per inch of files.
+_WIDTH, _DPI = 2.6, 150
+
+
+def plot_function(
+    mesh: Any,
+    values: Any,
+    *,
+    ax: Any = None,
+    cmap: str | None = None,
+    limits: Any = None,
+    camera: Camera | None = None,
+) -> Any:
+    """Draw a function, or colours, on a lit mesh.
+
+    Parameters
+    ----------
+    mesh : mesh
+        What to draw: whatever a mesh may be, a path included.
+    values : array-like of shape (n_vertices,) or (n_vertices, 3)
+        Function on the vertices, or their colours in [0, 1]. Masked and undefined values are grey, so that what
+        `Match.transfer` returns can be drawn.
+    ax : matplotlib Axes, optional
+        Where to draw; a new figure by default.
+    cmap : str, optional
+        Colour map of matplotlib; by default a diverging one about zero where the function has both signs, and a
+        sequential one elsewhere. Both are perceptually uniform and safe for the colour-blind.
+    limits : (float, float), optional
+        Values at the ends of the colour map; those of the function by default.
+    camera : Camera, optional
+        Seen from where.
+
+    Returns
+    -------
+    matplotlib Axes
+        The axes drawn on.
+
+    Raises
+    ------
+    ValueError
+        If there is not one value, or one colour, for each vertex.
+
+    See Also
+    --------
+    plot_functions : Several, side by side.
+
+    Examples
+    --------
+    >>> from skfmap.datasets import make_sphere
+    >>> from skfmap.plotting import plot_function
+    >>> sphere = make_sphere(n_subdivisions=3)
+    >>> axes = plot_function(sphere, sphere.vertices[:, 2])
+    >>> axes.figure.savefig("height.png")  # doctest: +SKIP
+    """
+    from matplotlib import pyplot as plt  # noqa: PLC0415
+
+    mesh, camera = as_mesh(mesh), camera or Camera()
+    given = check_values(values, mesh)
+    if ax is None:
+        ax = plt.figure(figsize=(4, 4)).add_subplot()
+    colours = given if given.ndim == 2 else scale_of([given], cmap, limits).colours(given)
+    draw_surface(ax, camera.project(mesh.vertices), mesh.faces, np.ma.filled(colours, 0.5))
+    return ax
+
+
+def plot_functions(
+    meshes: Sequence[Any],
+    functions: Sequence[Any],
+    *,
+    captions: Sequence[str] | None = None,
+    labels: Sequence[str] | None = None,
+    cmap: str | None = None,
+    limits: Any = None,
+    camera: Camera | None = None,
+    path: str | Path | None = None,
+) -> Any:
+    """Draw functions on several meshes side by side, seen by one camera, at one scale.
+
+    Parameters
+    ----------
+    meshes : sequence of meshes
+        One column each. The same mesh may stand several times.
+    functions : sequence of arrays of shape (n_vertices_i,) or (n_vertices_i, n_functions)
+        For each mesh, the function or functions on it; one row each, which shares a scale of colours.
+    captions : sequence of str, optional
+        Above each mesh; names by default.
+    labels : sequence of str, optional
+        What each function is, beside its scale.
+    cmap, limits, camera : optional
+        As in `plot_function`, for all rows.
+    path : str or Path, optional
+        Where to save the picture; the suffix chooses the format.
+
+    Returns
+    -------
+    matplotlib Figure
+        The picture.
+
+    Raises
+    ------
+    ValueError
+        If meshes, functions and texts do not fit each other.
+
+    See Also
+    --------
+    write_functions_page : The same as a page to turn the shapes in.
+
+    Examples
+    --------
+    >>> from skfmap import SpectralBasis
+    >>> from skfmap.datasets import make_sphere
+    >>> from skfmap.plotting import plot_functions
+    >>> (sphere,) = SpectralBasis(10).transform([make_sphere(n_subdivisions=3)])
+    >>> figure = plot_functions([sphere.mesh], [sphere.evecs[:, 1:4]], labels=["first", "second", "third"])
+    """
+    scene = scene_of_functions(
+        meshes, functions, captions=captions, labels=labels, cmap=cmap, limits=limits, camera=camera
+    )
+    return _saved(_draw(scene), path)
+
+
+def plot_matches(
+    matches: Sequence[Match],
+    meshes: Sequence[Any],
+    reference: Any,
+    *,
+    show: Sequence[str] = ("match", "expected error"),
+    captions: Sequence[str] | None = None,
+    camera: Camera | None = None,
+    align: bool = True,
+    path: str | Path | None = None,
+) -> Any:
+    """Draw matches as colours carried from the reference, and how far to trust them below.
+
+    Each vertex of a shape has the colour of the vertex of the reference that the point map sends it to.
+
+    Parameters
+    ----------
+    matches : sequence of Match
+        From `skfmap.match`.
+    meshes : sequence of meshes
+        The matched shapes: whatever a mesh may be, paths included.
+    reference : mesh
+        The reference, ``learner.reference_.spectral.mesh``; its colours tell where on it a vertex is.
+    show : sequence of {"match", "expected error", "confidence"}
+        The rows.
+    captions : sequence of str, optional
+        One per match, below its name.
+    camera : Camera, optional
+        Seen from where; one camera for all.
+    align : bool, default=True
+        Whether shapes are turned about the vertical to face as the reference does, as far as the match tells.
+    path : str or Path, optional
+        Where to save the picture; the suffix chooses the format.
+
+    Returns
+    -------
+    matplotlib Figure
+        The picture.
+
+    Raises
+    ------
+    ValueError
+        If matches, meshes and reference do not fit each other.
+
+    See Also
+    --------
+    write_matches_page : The same as a page to turn the shapes in.
+    """
+    scene = scene_of_matches(matches, meshes, reference, show=show, captions=captions, camera=camera, align=align)
+    return _saved(_draw(scene), path)
+
+
+def _draw(scene: Scene) -> Any:
+    """Return a figure of a scene, all panels at one scale."""
+    from matplotlib import pyplot as plt  # noqa: PLC0415
+
+    n_rows, n_columns = len(scene.labels), len(scene.panels)
+    seen = [scene.camera.project_upright(panel.points) for panel in scene.panels]
+    centres = [(points.min(axis=0) + points.max(axis=0))[:2] / 2 for points in seen]
+    reach = 0.52 * np.max([np.ptp(points[:, :2], axis=0) for points in seen], axis=0)
+    height = _WIDTH * float(np.clip(reach[1] / reach[0], 0.4, 1.6))
+    figure = plt.figure(figsize=(_WIDTH * n_columns + 0.9, height * n_rows + 0.4), layout="constrained")
+    axes = figure.subplots(n_rows, n_columns, squeeze=False)
+    for row, label in enumerate(scene.labels):
+        for panel, points, centre, ax in zip(scene.panels, seen, centres, axes[row], strict=True):
+            colours = scene.colours(panel, row)
+            if colours is not None:
+                draw_surface(ax, points, panel.mesh.faces, np.ma.filled(colours, 0.5))
+            low, high = centre - reach, centre + reach
+            ax.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), aspect="equal")
+            ax.set_axis_off()
+            if row == 0:
+                ax.set_title(panel.caption, fontsize=9)
+        _draw_scale(figure, axes[row], scene.scales[row], label)
+    return figure
+
+
+def _draw_scale(figure: Any, axes: Any, scale: Scale | None, label: str) -> None:
+    from matplotlib.cm import ScalarMappable  # noqa: PLC0415
+    from matplotlib.colors import Normalize  # noqa: PLC0415
+
+    if scale is None:
+        return
+    drawn = figure.colorbar(
+        ScalarMappable(Normalize(scale.low, scale.high), cmap=scale.cmap), ax=list(axes), shrink=0.75, pad=0.01
+    )
+    drawn.set_label(scale.label or label, fontsize=9)
+    drawn.ax.tick_params(labelsize=8)
+
+
+def _saved(figure: Any, path: str | Path | None) -> Any:
+    if path is not None:
+        figure.savefig(path, dpi=_DPI)
+    return figure

@@ -1,0 +1,165 @@
+"""Whether expected errors can be believed."""
+
+from collections.abc import Sequence
+from typing import Any, Self
+
+import numpy as np
+
+from skfmap._typing import FloatArray
+from skfmap._unwrap import learner_and_shapes
+from skfmap.plotting._axes import axes_or_new, finish
+
+__all__ = ["ReliabilityDisplay"]
+
+
+class ReliabilityDisplay:
+    """Expected errors against true ones: on the diagonal where the expectation is right.
+
+    Parameters
+    ----------
+    expected, errors : array-like of shape (n,)
+        Expected and true errors of vertices of shapes that the model has not seen.
+    name : str, optional
+        What the curve is called in the legend.
+
+    Attributes
+    ----------
+    ax_, figure_, line_ : matplotlib Axes, Figure, Line2D
+        What was drawn. Each point is the mean true error of a bin of equally many vertices, by expected error; the band
+        holds the middle half of each bin.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from skfmap.plotting import ReliabilityDisplay
+    >>> expected = np.linspace(0, 0.1, 50)
+    >>> display = ReliabilityDisplay.from_predictions(expected, 2 * expected, n_bins=5)
+    >>> bool(np.allclose(display.line_.get_ydata(), 2 * display.line_.get_xdata()))
+    True
+    """
+
+    def __init__(self, expected: Any, errors: Any, *, name: str | None = None) -> None:
+        self.expected = expected
+        self.errors = errors
+        self.name = name
+
+    @classmethod
+    def from_estimator(
+        cls,
+        model: Any,
+        X: Sequence[Any],
+        y: Sequence[Any],
+        *,
+        refine: str | None = "fitted",
+        name: str | None = None,
+        ax: Any = None,
+        **kwargs: Any,
+    ) -> Self:
+        """Match shapes of known correspondence with a fitted model and compare expected with true errors.
+
+        Parameters
+        ----------
+        model : WeightedFunctionalMapLearner, Pipeline or fitted search
+            The model.
+        X, y : sequence, sequence of correspondences
+            Shapes that it was not trained on, and where they lie on the template.
+        refine : optional
+            As in `skfmap.match`.
+        name : str, optional
+            In the legend.
+        ax : matplotlib Axes, optional
+            Where to draw; a new figure by default.
+        **kwargs : dict
+            Of `plot`.
+
+        Returns
+        -------
+        ReliabilityDisplay
+            What was drawn.
+        """
+        learner, shapes = learner_and_shapes(model, X)
+        matches = learner.match(shapes, refine=refine)
+        errors = learner.pair_errors(shapes, y, refine=refine)
+        expected = [match.expected_error[one.vertices] for match, one in zip(matches, errors, strict=True)]
+        true = np.concatenate([one.direct for one in errors])
+        return cls.from_predictions(np.concatenate(expected), true, name=name, ax=ax, **kwargs)
+
+    @classmethod
+    def from_predictions(
+        cls, expected: Any, errors: Any, *, name: str | None = None, ax: Any = None, **kwargs: Any
+    ) -> Self:
+        """Draw expected against true errors.
+
+        Parameters
+        ----------
+        expected, errors : array-like of shape (n,)
+            Of the same vertices.
+        name, ax, **kwargs : optional
+            As in `from_estimator`.
+
+        Returns
+        -------
+        ReliabilityDisplay
+            What was drawn.
+
+        Raises
+        ------
+        ValueError
+            If the two have unequal lengths or fewer entries than bins.
+        """
+        return cls(expected, errors, name=name).plot(ax, **kwargs)
+
+    def plot(self, ax: Any = None, *, name: str | None = None, n_bins: int = 10, **kwargs: Any) -> Self:
+        """Draw the bins; several displays may share axes.
+
+        Parameters
+        ----------
+        ax : matplotlib Axes, optional
+            Where to draw; a new figure by default.
+        name : str, optional
+            In the legend.
+        n_bins : int, default=10
+            Bins of equally many vertices, by expected error.
+        **kwargs : dict
+            Of the line.
+
+        Returns
+        -------
+        ReliabilityDisplay
+            Itself.
+
+        Raises
+        ------
+        ValueError
+            If expected and true errors have unequal lengths or fewer entries than bins.
+        """
+        x, y = (np.asarray(values, dtype=np.float64) for values in (self.expected, self.errors))
+        if x.shape != y.shape or x.ndim != 1 or len(x) < n_bins:
+            raise ValueError(
+                f"expected and errors must be 1-D, equally long, and {n_bins} at least; got {x.shape}, {y.shape}."
+            )
+        ax = axes_or_new(ax)
+        fresh = not ax.lines
+        middle, mean, low, high = _binned(x, y, n_bins)
+        (self.line_,) = ax.plot(middle, mean, label=name or self.name, **({"marker": "o", "markersize": 4} | kwargs))
+        ax.fill_between(middle, low, high, alpha=0.18, color=self.line_.get_color(), linewidth=0)
+        limit = max(1.05 * float(max(middle.max(), high.max())), 0.0 if fresh else ax.get_xlim()[1])
+        if fresh:
+            ax.axline((0, 0), slope=1, linestyle="--", color="0.5", linewidth=1, label="as expected")
+        finish(
+            ax,
+            xlabel="expected error / sqrt(area)",
+            ylabel="true error / sqrt(area)",
+            xlim=(0, limit),
+            ylim=(0, limit),
+        )
+        self.ax_, self.figure_ = ax, ax.figure
+        return self
+
+
+def _binned(x: FloatArray, y: FloatArray, n_bins: int) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+    """Return mean expected and true errors of equal bins, and the quartiles of the true ones."""
+    parts = np.array_split(np.argsort(x, kind="stable"), n_bins)
+    middle, mean = (np.array([values[part].mean() for part in parts]) for values in (x, y))
+    low, high = (np.array([np.quantile(y[part], q) for part in parts]) for q in (0.25, 0.75))
+    return middle, mean, low, high

@@ -1,0 +1,186 @@
+"""What a picture of shapes shows, before anyone draws it: panels side by side, each coloured in several ways."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from skfmap._typing import FloatArray
+from skfmap._validation import check_choice, label
+from skfmap.io import as_mesh, as_meshes
+from skfmap.plotting._camera import Camera, turn_upright
+from skfmap.plotting._colours import CONFIDENCE, ERRORS, Scale, colours_of_position, scale_of
+from skfmap.shapes import Match, Mesh
+
+__all__ = ["Panel", "Scene", "check_values", "scene_of_functions", "scene_of_matches"]
+
+SHOWN = ("match", "expected error", "confidence")
+
+
+@dataclass(frozen=True, eq=False)
+class Panel:
+    """One shape.
+
+    Attributes
+    ----------
+    mesh : Mesh
+        What is drawn.
+    points : ndarray of shape (n_vertices, 3)
+        Its vertices, z up, centred, in units of sqrt(area).
+    caption : str
+        What stands above it.
+    values : tuple
+        For each row of the scene: values of shape (n_vertices,), colours of shape (n_vertices, 3), or None for nothing.
+    """
+
+    mesh: Mesh
+    points: FloatArray
+    caption: str
+    values: tuple[Any, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class Scene:
+    """Shapes in columns, ways to colour them in rows, one camera for all.
+
+    Attributes
+    ----------
+    panels : tuple of Panel
+        The columns.
+    scales : tuple of (Scale or None)
+        For each row, how values become colours; None where the panels hold colours.
+    labels : tuple of str
+        What each row shows.
+    camera : Camera
+        Seen from where.
+    """
+
+    panels: tuple[Panel, ...]
+    scales: tuple[Scale | None, ...]
+    labels: tuple[str, ...]
+    camera: Camera
+
+    def colours(self, panel: Panel, row: int) -> FloatArray | None:
+        """Return the colours of a panel in a row, or None where it shows nothing."""
+        values, scale = panel.values[row], self.scales[row]
+        return values if values is None or scale is None else scale.colours(values)
+
+
+def check_values(values: object, mesh: Mesh, who: str = "values") -> Any:
+    """Return a function on the vertices of a mesh, or their colours; anything else is an error."""
+    given: Any = np.ma.asarray(values)
+    if given.shape not in ((mesh.n_vertices,), (mesh.n_vertices, 3)) or given.dtype.kind not in "biuf":
+        raise ValueError(
+            f"{who} must hold a number, or three for a colour, for each of the {mesh.n_vertices} vertices of "
+            f"{label(mesh.name)}; got {given.dtype} of shape {given.shape}."
+        )
+    return given
+
+
+def scene_of_functions(
+    meshes: Sequence[Any],
+    functions: Sequence[Any],
+    *,
+    captions: Sequence[str] | None,
+    labels: Sequence[str] | None,
+    cmap: str | None,
+    limits: Any,
+    camera: Camera | None,
+) -> Scene:
+    """Return a column per mesh, a row per function, each row with a scale of its own unless limits are given."""
+    shapes, camera = as_meshes(meshes), camera or Camera()
+    if len(functions) != len(shapes):
+        raise ValueError(f"Give the functions of each mesh; got {len(shapes)} meshes and {len(functions)} functions.")
+    columns = [_columns(values, mesh) for values, mesh in zip(functions, shapes, strict=True)]
+    n_rows = len(columns[0])
+    if any(len(column) != n_rows for column in columns):
+        raise ValueError(f"Each mesh must have as many functions; got {[len(column) for column in columns]}.")
+    _check_length(captions, len(shapes), "captions", "mesh")
+    _check_length(labels, n_rows, "labels", "function")
+    captions = [mesh.name or "" for mesh in shapes] if captions is None else captions
+    labels = [""] * n_rows if labels is None else labels
+    panels = tuple(
+        Panel(mesh, _placed(mesh, camera.up), caption, column)
+        for mesh, caption, column in zip(shapes, captions, columns, strict=True)
+    )
+    scales = tuple(
+        scale_of([column[row] for column in columns], cmap, limits, label) for row, label in enumerate(labels)
+    )
+    return Scene(panels, scales, tuple(labels), camera)
+
+
+def _columns(values: Any, mesh: Mesh) -> tuple[Any, ...]:
+    """Return the functions of one mesh, as a tuple, from one of them or the columns of a matrix."""
+    given = np.ma.asarray(values)
+    columns = [given] if given.ndim == 1 else list(given.T)
+    return tuple(check_values(column, mesh, "functions") for column in columns)
+
+
+def scene_of_matches(
+    matches: Sequence[Match],
+    meshes: Sequence[Any],
+    reference: Any,
+    *,
+    show: Sequence[str],
+    captions: Sequence[str] | None,
+    camera: Camera | None,
+    align: bool,
+) -> Scene:
+    """Return the reference and the matched shapes in columns, in rows what is shown of the matches."""
+    if len(matches) != len(meshes) or not matches:
+        raise ValueError(f"Give one mesh per match, and at least one; got {len(meshes)} and {len(matches)}.")
+    _check_length(captions, len(matches), "captions", "match")
+    for what in show:
+        check_choice(what, "show", SHOWN)
+    shapes, origin, camera = as_meshes(meshes), as_mesh(reference), camera or Camera()
+    for match, mesh in zip(matches, shapes, strict=True):
+        _check_match(match, mesh, origin)
+    colours = colours_of_position(origin)
+    at_rest = _placed(origin, camera.up)
+    panels = [
+        Panel(origin, at_rest, f"reference: {origin.name}", tuple(colours if w == "match" else None for w in show))
+    ]
+    for i, (match, mesh) in enumerate(zip(matches, shapes, strict=True)):
+        points = _placed(mesh, camera.up)
+        points = _turned_like(points, at_rest[match.p2p]) if align else points
+        values = {"match": colours[match.p2p], "expected error": match.expected_error, "confidence": match.confidence}
+        caption = f"{match.name or mesh.name}" + ("" if captions is None else f"\n{captions[i]}")
+        panels.append(Panel(mesh, points, caption, tuple(values[what] for what in show)))
+    worst = max(0.02, *(float(np.max(match.expected_error)) for match in matches))
+    scales = {
+        "match": None,
+        "expected error": Scale(ERRORS, 0.0, worst, "expected error / sqrt(area)"),
+        "confidence": Scale(CONFIDENCE, 0.0, 1.0, "confidence (within 0.1)"),
+    }
+    return Scene(tuple(panels), tuple(scales[what] for what in show), tuple(show), camera)
+
+
+def _check_match(match: Match, mesh: Mesh, reference: Mesh) -> None:
+    if len(match.p2p) != mesh.n_vertices or match.p2p.max(initial=0) >= reference.n_vertices:
+        raise ValueError(
+            f"The match of {label(match.name, 'shape')} has {len(match.p2p)} vertices and refers to vertex "
+            f"{match.p2p.max(initial=0)} of the reference; {label(mesh.name)} has {mesh.n_vertices} vertices and the "
+            f"reference, {label(reference.name)}, {reference.n_vertices}. Give the meshes in the order of the matches, "
+            "and the reference that the model was trained with."
+        )
+
+
+def _check_length(given: Sequence[str] | None, expected: int, name: str, what: str) -> None:
+    if given is not None and (isinstance(given, str) or len(given) != expected):
+        raise ValueError(f"{name} must hold a text for each {what}, {expected} of them; got {given!r}.")
+
+
+def _placed(mesh: Mesh, up: str) -> FloatArray:
+    """Return vertices with z up, the middle of their bounding box at the origin, at unit area."""
+    points = turn_upright(mesh.vertices, up) / np.sqrt(mesh.area)
+    return np.asarray(points - (points.min(axis=0) + points.max(axis=0)) / 2)
+
+
+def _turned_like(points: FloatArray, targets: FloatArray) -> FloatArray:
+    """Return points turned about the vertical so that they lie most like their targets."""
+    flat, goal = (p[:, :2] - p[:, :2].mean(axis=0) for p in (points, targets))
+    angle = np.arctan2((flat[:, 0] * goal[:, 1] - flat[:, 1] * goal[:, 0]).sum(), (flat * goal).sum())
+    cosine, sine = np.cos(angle), np.sin(angle)
+    turned = points @ np.array([[cosine, sine, 0], [-sine, cosine, 0], [0, 0, 1]])
+    return np.asarray(turned - (turned.min(axis=0) + turned.max(axis=0)) / 2)

@@ -1,0 +1,125 @@
+"""The learned weights (figure 3, left)."""
+
+from collections.abc import Sequence
+from itertools import groupby
+from typing import Any, Self
+
+import numpy as np
+
+from skfmap._typing import FloatArray
+from skfmap._unwrap import fitted_learner
+from skfmap.plotting._axes import axes_or_new, finish
+
+__all__ = ["WeightsDisplay"]
+
+
+class WeightsDisplay:
+    """Weights of the probe functions, the diagonal of D, grouped by category.
+
+    Parameters
+    ----------
+    weights : ndarray of shape (m,)
+        Diagonal of D.
+    probe_categories : sequence of str
+        Category of each probe.
+    name : str, optional
+        What the weights are called in the legend.
+
+    Attributes
+    ----------
+    ax_, figure_, line_ : matplotlib Axes, Figure, Line2D
+        What was drawn.
+
+    See Also
+    --------
+    SingularValuesDisplay : What the weights do for the map of an unseen shape.
+
+    Examples
+    --------
+    >>> from skfmap.plotting import WeightsDisplay
+    >>> display = WeightsDisplay([0.5, 2.0, 8.0], ["hks", "hks", "wks"]).plot()
+    >>> display.ax_.get_ylabel()
+    'weight'
+    """
+
+    def __init__(self, weights: Any, probe_categories: Sequence[str], *, name: str | None = None) -> None:
+        self.weights = weights
+        self.probe_categories = probe_categories
+        self.name = name
+
+    @classmethod
+    def from_estimator(cls, model: Any, *, name: str | None = None, ax: Any = None, **kwargs: Any) -> Self:
+        """Draw the weights of a fitted model.
+
+        Parameters
+        ----------
+        model : WeightedFunctionalMapLearner, Pipeline or fitted search
+            The model.
+        name : str, optional
+            In the legend; the weighting by default.
+        ax : matplotlib Axes, optional
+            Where to draw; a new figure by default.
+        **kwargs : dict
+            Of the line.
+
+        Returns
+        -------
+        WeightsDisplay
+            What was drawn.
+        """
+        learner = fitted_learner(model)
+        name = _name_of(learner) if name is None else name
+        return cls(learner.weights_, list(learner.probe_categories_), name=name).plot(ax, **kwargs)
+
+    def plot(self, ax: Any = None, *, name: str | None = None, **kwargs: Any) -> Self:
+        """Draw the weights; several may share axes.
+
+        Parameters
+        ----------
+        ax : matplotlib Axes, optional
+            Where to draw; a new figure by default.
+        name : str, optional
+            In the legend.
+        **kwargs : dict
+            Of the line.
+
+        Returns
+        -------
+        WeightsDisplay
+            Itself.
+        """
+        weights: FloatArray = np.asarray(self.weights, dtype=np.float64)
+        if weights.shape != (len(self.probe_categories),):
+            raise ValueError(
+                f"weights must hold a number for each of the {len(self.probe_categories)} probes; got {weights.shape}."
+            )
+        ax = axes_or_new(ax)
+        fresh = not ax.lines
+        style = {"marker": "o", "markersize": 3.5, "linewidth": 0.9} | kwargs
+        (self.line_,) = ax.plot(np.arange(len(weights)), weights, label=name or self.name, **style)
+        if fresh:
+            self._mark_categories(ax)
+        ax.set_yscale("log")
+        finish(ax, ylabel="weight", xlabel="probe function, by category", xlim=(-0.5, len(weights) - 0.5))
+        ax.grid(visible=False, axis="x")
+        self.ax_, self.figure_ = ax, ax.figure
+        return self
+
+    def _mark_categories(self, ax: Any) -> None:
+        """Shade every other category, and write its name below."""
+        start, middles, names = 0, [], []
+        for i, (category, members) in enumerate(groupby(self.probe_categories)):
+            end = start + len(list(members))
+            if i % 2 == 0:
+                ax.axvspan(start - 0.5, end - 0.5, color="0.95", zorder=-1)
+            middles.append((start + end - 1) / 2)
+            names.append(str(category))
+            start = end
+        ax.set_xticks(middles, names, rotation=40, ha="right", fontsize=8)
+        ax.tick_params(axis="x", length=0)
+
+
+def _name_of(learner: Any) -> str:
+    if learner.weighting is None:
+        return "none (D = I)"
+    return str(learner.weighting) if isinstance(learner.weighting, str) else "own groups"
