@@ -21,6 +21,7 @@ from skfmap.functional.weighting import WEIGHTINGS
 from skfmap.learner import WeightedFunctionalMapLearner
 from skfmap.metrics import ERROR_KINDS, PairErrors, reference_distances
 from skfmap.plotting import Camera, plot_matches
+from skfmap.report import Evaluation, thin_out, write_report
 from skfmap.shapes import Correspondence, Match, Mesh, ProbedShape
 
 # How points are matched: in all functions alike, in the p most stable, in all weighted by stability.
@@ -30,9 +31,6 @@ _MATCHINGS: dict[str, dict[str, Any]] = {
     "soft": {"matching": "soft"},
 }
 
-
-# Errors are averaged over at most so many template points: a full-resolution mesh would need gigabytes of distances.
-_MOST_POINTS = 5000
 
 _KINDS_EXPLAINED = (
     "full: all functions alike; reduced: the more stable half; soft: all, weighted by stability\n"
@@ -67,7 +65,7 @@ def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
         prog="python -m skfmap",
         description="Learn functional maps on a collection of meshes, match the shapes left out, and show what "
-        "learning buys: a table, a picture of the matches, and a model trained on all shapes.",
+        "learning buys: a table, a report, a picture of the matches, and a model trained on all shapes.",
     )
     parser.add_argument("folder", nargs="?", help="meshes and correspondences; made-up creatures if left out")
     parser.add_argument("--pattern", default="*", help="which meshes of the folder, by name (default: all)")
@@ -85,7 +83,10 @@ def _parser() -> argparse.ArgumentParser:
         "--up", choices=["x", "y", "z"], default="z", help="axis that points up in the picture (default: z)"
     )
     parser.add_argument(
-        "--output", type=Path, default=Path("skfmap-output"), help="where picture and model go (default: skfmap-output)"
+        "--output",
+        type=Path,
+        default=Path("skfmap-output"),
+        help="where report, picture and model go (default: skfmap-output)",
     )
     parser.add_argument("--cache", type=Path, help="folder that keeps bases and probes between runs")
     parser.add_argument("--jobs", type=int, default=-1, help="shapes at a time (default: one per core)")
@@ -98,7 +99,7 @@ def _run(options: argparse.Namespace) -> None:
     collection = _collection(options)
     shapes = _probed(collection, options)
     left_out = _choose_folds(len(shapes), options.folds)
-    scored = _scored(collection.correspondences)
+    scored = thin_out(collection.correspondences)
     _measure(collection.meshes[0], scored[0], options)
     names = ", ".join(collection.names[i] for i in left_out)
     print(f"Leaving out one at a time: {names}. Reference: {collection.names[0]}.", flush=True)
@@ -109,7 +110,7 @@ def _run(options: argparse.Namespace) -> None:
             f"  weighting={weighting!r}: {np.mean(results[weighting].seconds):.1f} s of training per fold", flush=True
         )
     print("\n" + _table(results) + "\n" + _summary(results))
-    _save(collection, shapes, left_out, results["function"], options)
+    _save(collection, shapes, left_out, results, options)
 
 
 def _collection(options: argparse.Namespace) -> Bunch:
@@ -136,15 +137,6 @@ def _probed(collection: Bunch, options: argparse.Namespace) -> list[ProbedShape]
     shapes = probes.fit_transform(basis.fit_transform(collection.meshes))
     print(f"  {shapes[0].probes.shape[1]} probe functions per shape, {_since(started)}", flush=True)
     return list(shapes)
-
-
-def _scored(truths: list[Correspondence]) -> list[Correspondence]:
-    """Return the correspondences on at most `_MOST_POINTS` template points, which errors are averaged over."""
-    points = np.unique(truths[0].pairs[:, 1])
-    if len(points) <= _MOST_POINTS:
-        return truths
-    chosen = np.random.default_rng(0).choice(points, _MOST_POINTS, replace=False)
-    return [truth.restrict(chosen) for truth in truths]
 
 
 def _measure(reference: Mesh, truth: Correspondence, options: argparse.Namespace) -> None:
@@ -222,18 +214,25 @@ def _summary(results: dict[str | None, _Result]) -> str:
 
 
 def _save(
-    collection: Bunch, shapes: list[ProbedShape], left_out: list[int], result: _Result, options: argparse.Namespace
+    collection: Bunch,
+    shapes: list[ProbedShape],
+    left_out: list[int],
+    results: dict[str | None, _Result],
+    options: argparse.Namespace,
 ) -> None:
     options.output.mkdir(parents=True, exist_ok=True)
-    picture, model = options.output / "matches.png", options.output / "model.joblib"
+    picture, model, report = (options.output / name for name in ("matches.png", "model.joblib", "report.html"))
+    result, camera = results["function"], Camera(options.up)
     captions = [f"error {100 * errors.mean('direct'):.1f} % of sqrt(area)" for errors in result.errors["soft"]]
     meshes = [collection.meshes[i] for i in left_out]
-    camera = Camera(options.up)
     plot_matches(result.matches, meshes, collection.meshes[0], path=picture, camera=camera, captions=captions)
     learner = WeightedFunctionalMapLearner(n_functions=options.functions).fit(shapes, collection.correspondences)
+    evaluation = Evaluation(meshes, result.matches, result.errors["soft"], results[None].errors["soft"])
+    write_report(learner, report, evaluation=evaluation, camera=camera)
     basis, probes = (step.set_params(memory=None, n_jobs=None) for step in _transformers(options))
     joblib.dump(make_pipeline(basis, probes, learner), model)
-    print(f"\nPicture of the matches (weighting 'function', soft): {picture}")
+    print(f"\nReport, to open in a browser: {report}")
+    print(f"Picture of the matches (weighting 'function', soft): {picture}")
     print(f"Model trained on all {len(shapes)} shapes: {model}. To match a new shape with it:")
     print(f'    model = joblib.load("{model}"); matches = skfmap.match(model, ["new.ply"])')
 

@@ -110,6 +110,10 @@ class WeightedFunctionalMapLearner(CallbackSupportMixin, Versioned, BaseEstimato
         The epsilon used.
     loss_, loss_curve_, n_iter_ : float, list of float, int
         Equation (3) at the end, at the start and after each iteration, and the number of iterations.
+    converged_ : bool
+        Whether the search for weights converged.
+    n_training_shapes_ : int
+        Number of shapes learned from, without the reference and those of sample weight 0.
     n_stable_ : int
         p.
     reference_, reference_index_ : ProbedShape, int
@@ -615,6 +619,8 @@ class WeightedFunctionalMapLearner(CallbackSupportMixin, Versioned, BaseEstimato
             "loss_": learned.optimum.loss_curve[-1],
             "loss_curve_": learned.optimum.loss_curve,
             "n_iter_": learned.optimum.n_iter,
+            "converged_": learned.optimum.converged,
+            "n_training_shapes_": len(used),
             "n_stable_": p,
             "reference_": reference,
             "reference_index_": training.place,

@@ -28,6 +28,7 @@ def test_main_job_on_a_folder(folder, capsys):
     assert all(0 < float(cell) < 100 for row in table[1:5] for cell in row.replace("|", " ").split()[-9:])
     assert "Leaving out one at a time: body1, body3." in printed
     assert imread(output / "matches.png")[..., :3].std() > 0.05
+    assert "body3" in (output / "report.html").read_text(encoding="utf-8")
     assert joblib.load(output / "model.joblib")[-1].reference_.name == "body0"
 
 

@@ -160,9 +160,21 @@ def test_colours_of_a_match_are_those_of_the_matched_vertices(matched, tmp_path)
     assert imread(tmp_path / "m.png")[..., :3].std() > 0.05
 
 
+def test_true_errors_are_shown_where_they_are_known(matched, fitted, probed, collection):
+    truth = collection.truths[5].restrict(np.arange(40))
+    errors = fitted.pair_errors(probed[5:], [truth])
+    options = {"captions": None, "camera": None, "align": True}
+    scene = scene_of_matches(*matched, show=["match"], errors=errors, **options)
+    assert scene.labels == ("match", "true error")
+    shown = scene.panels[1].values[1]
+    known = np.unique(errors[0].vertices)
+    np.testing.assert_array_equal(np.flatnonzero(~np.isnan(shown)), known)
+    assert shown[known[0]] == pytest.approx(errors[0].direct[errors[0].vertices == known[0]].mean())
+
+
 def test_matched_shapes_are_turned_to_face_as_the_reference_does(matched):
     matches, (mesh,), reference = matched
-    options = {"show": ["match"], "captions": None, "camera": None}
+    options = {"show": ["match"], "errors": None, "captions": None, "camera": None}
     facing = scene_of_matches(matches, [mesh], reference, **options, align=True).panels[1].points
     angle = np.radians(130)
     turn = np.array([[np.cos(angle), -np.sin(angle), 0], [np.sin(angle), np.cos(angle), 0], [0, 0, 1]])
@@ -184,6 +196,8 @@ def test_matched_shapes_are_turned_to_face_as_the_reference_does(matched):
         (lambda m, s, r: plot_matches(m, [], r), "one mesh per match"),
         (lambda m, s, r: plot_matches(m, [r], r), "in the order of the matches"),
         (lambda m, s, r: plot_matches(m, s, r, show=["error"]), "show must be one of"),
+        (lambda m, s, r: plot_matches(m, s, r, show=["true error"]), "shown if errors are given"),
+        (lambda m, s, r: plot_matches(m, s, r, errors=[]), "0 errors and 1 matches"),
     ],
 )
 def test_pictures_say_what_does_not_fit(matched, draw, message):

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from skfmap._typing import FloatArray, IntArray
+from skfmap.metrics import PairErrors
 from skfmap.plotting._camera import Camera
 from skfmap.plotting._colours import UNKNOWN, Scale, undefined_as_nan
 from skfmap.plotting._scene import Panel, Scene, scene_of_functions, scene_of_matches
@@ -99,6 +100,7 @@ def write_matches_page(
     reference: Any,
     *,
     show: Sequence[str] = ("match", "expected error", "confidence"),
+    errors: Sequence[PairErrors] | None = None,
     captions: Sequence[str] | None = None,
     camera: Camera | None = None,
     align: bool = True,
@@ -111,7 +113,7 @@ def write_matches_page(
     ----------
     path : str or Path
         File to write, ``.html``. It holds all that it needs, some 5 MB, and opens without a network.
-    matches, meshes, reference, show, captions, camera, align : optional
+    matches, meshes, reference, show, errors, captions, camera, align : optional
         As in `plot_matches`. At most eleven shapes beside the reference.
 
     Returns
@@ -126,7 +128,9 @@ def write_matches_page(
     ValueError
         If matches, meshes and reference do not fit each other, or if there are more than eleven.
     """
-    scene = scene_of_matches(matches, meshes, reference, show=show, captions=captions, camera=camera, align=align)
+    scene = scene_of_matches(
+        matches, meshes, reference, show=show, errors=errors, captions=captions, camera=camera, align=align
+    )
     return _write(scene, path, [None, *(match.p2p for match in matches)], "Matches")
 
 

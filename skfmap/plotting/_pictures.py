@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from skfmap.io import as_mesh
+from skfmap.metrics import PairErrors
 from skfmap.plotting._camera import Camera
 from skfmap.plotting._colours import Scale, scale_of
 from skfmap.plotting._scene import Scene, check_values, scene_of_functions, scene_of_matches
@@ -142,6 +143,7 @@ def plot_matches(
     reference: Any,
     *,
     show: Sequence[str] = ("match", "expected error"),
+    errors: Sequence[PairErrors] | None = None,
     captions: Sequence[str] | None = None,
     camera: Camera | None = None,
     align: bool = True,
@@ -159,8 +161,11 @@ def plot_matches(
         The matched shapes: whatever a mesh may be, paths included.
     reference : mesh
         The reference, ``learner.reference_.spectral.mesh``; its colours tell where on it a vertex is.
-    show : sequence of {"match", "expected error", "confidence"}
+    show : sequence of {"match", "expected error", "confidence", "true error"}
         The rows.
+    errors : sequence of PairErrors, optional
+        From `skfmap.WeightedFunctionalMapLearner.pair_errors`, if the correspondences are known: a row of true errors
+        is added, grey where nothing is known.
     captions : sequence of str, optional
         One per match, below its name.
     camera : Camera, optional
@@ -184,7 +189,9 @@ def plot_matches(
     --------
     write_matches_page : The same as a page to turn the shapes in.
     """
-    scene = scene_of_matches(matches, meshes, reference, show=show, captions=captions, camera=camera, align=align)
+    scene = scene_of_matches(
+        matches, meshes, reference, show=show, errors=errors, captions=captions, camera=camera, align=align
+    )
     return _saved(_draw(scene), path)
 
 

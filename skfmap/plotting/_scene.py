@@ -9,13 +9,14 @@ import numpy as np
 from skfmap._typing import FloatArray
 from skfmap._validation import check_choice, label
 from skfmap.io import as_mesh, as_meshes
+from skfmap.metrics import PairErrors
 from skfmap.plotting._camera import Camera, turn_upright
 from skfmap.plotting._colours import CONFIDENCE, ERRORS, Scale, colours_of_position, scale_of
 from skfmap.shapes import Match, Mesh
 
 __all__ = ["Panel", "Scene", "check_values", "scene_of_functions", "scene_of_matches"]
 
-SHOWN = ("match", "expected error", "confidence")
+SHOWN = ("match", "expected error", "confidence", "true error")
 
 
 @dataclass(frozen=True, eq=False)
@@ -123,6 +124,7 @@ def scene_of_matches(
     reference: Any,
     *,
     show: Sequence[str],
+    errors: Sequence[PairErrors] | None,
     captions: Sequence[str] | None,
     camera: Camera | None,
     align: bool,
@@ -131,8 +133,7 @@ def scene_of_matches(
     if len(matches) != len(meshes) or not matches:
         raise ValueError(f"Give one mesh per match, and at least one; got {len(meshes)} and {len(matches)}.")
     _check_length(captions, len(matches), "captions", "match")
-    for what in show:
-        check_choice(what, "show", SHOWN)
+    show = _check_shown(show, errors, len(matches))
     shapes, origin, camera = as_meshes(meshes), as_mesh(reference), camera or Camera()
     for match, mesh in zip(matches, shapes, strict=True):
         _check_match(match, mesh, origin)
@@ -145,15 +146,36 @@ def scene_of_matches(
         points = _placed(mesh, camera.up)
         points = _turned_like(points, at_rest[match.p2p]) if align else points
         values = {"match": colours[match.p2p], "expected error": match.expected_error, "confidence": match.confidence}
+        if errors is not None:
+            values["true error"] = _at_vertices(errors[i], mesh.n_vertices)
         caption = f"{match.name or mesh.name}" + ("" if captions is None else f"\n{captions[i]}")
         panels.append(Panel(mesh, points, caption, tuple(values[what] for what in show)))
     worst = max(0.02, *(float(np.max(match.expected_error)) for match in matches))
     scales = {
         "match": None,
         "expected error": Scale(ERRORS, 0.0, worst, "expected error / sqrt(area)"),
+        "true error": Scale(ERRORS, 0.0, worst, "true error / sqrt(area)"),
         "confidence": Scale(CONFIDENCE, 0.0, 1.0, "confidence (within 0.1)"),
     }
     return Scene(tuple(panels), tuple(scales[what] for what in show), tuple(show), camera)
+
+
+def _check_shown(show: Sequence[str], errors: Sequence[PairErrors] | None, n_matches: int) -> tuple[str, ...]:
+    """Return the rows, true errors last if they are given."""
+    for what in show:
+        check_choice(what, "show", SHOWN)
+    if errors is None and "true error" in show:
+        raise ValueError("true errors are shown if errors are given: those of the learner's pair_errors.")
+    if errors is not None and len(errors) != n_matches:
+        raise ValueError(f"Give the errors of each match; got {len(errors)} errors and {n_matches} matches.")
+    return tuple(show) if errors is None or "true error" in show else (*show, "true error")
+
+
+def _at_vertices(errors: PairErrors, n_vertices: int) -> FloatArray:
+    """Return the mean error at each vertex, NaN where none is known."""
+    n_known = np.bincount(errors.vertices, minlength=n_vertices)
+    sums = np.bincount(errors.vertices, errors.direct, minlength=n_vertices)
+    return np.where(n_known > 0, sums / np.maximum(n_known, 1), np.nan)
 
 
 def _check_match(match: Match, mesh: Mesh, reference: Mesh) -> None:

@@ -1,0 +1,147 @@
+"""Errors of a model on shapes that it was not trained on: folds left out in turn, on one reference."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from sklearn.base import clone
+
+from skfmap._parallel import tell
+from skfmap._unwrap import learner_and_shapes
+from skfmap._validation import label
+from skfmap.metrics import PairErrors
+from skfmap.model_selection import PinnedReference
+from skfmap.shapes import Correspondence, Match, Mesh, ProbedShape
+
+__all__ = ["Evaluation", "evaluate", "thin_out"]
+
+# Errors are averaged over at most so many template points: a full-resolution mesh would need gigabytes of distances.
+_MOST_POINTS = 5000
+
+
+@dataclass(frozen=True, eq=False)
+class Evaluation:
+    """Matches of shapes by models that were not trained on them.
+
+    Attributes
+    ----------
+    meshes : list of Mesh
+        The shapes, without the reference.
+    matches : list of Match
+        From each to the reference.
+    errors : list of PairErrors
+        Of the matches.
+    naive_errors : list of PairErrors
+        Of the same model without weights (D = I); empty if not asked for.
+    """
+
+    meshes: list[Mesh]
+    matches: list[Match]
+    errors: list[PairErrors]
+    naive_errors: list[PairErrors]
+
+
+def evaluate(
+    model: Any,
+    X: Sequence[Any],
+    y: Sequence[Any],
+    *,
+    cv: Any = 5,
+    y_scored: Sequence[Any] | None = None,
+    naive: bool = True,
+    verbose: int = 0,
+) -> Evaluation:
+    """Leave shapes out in turn, train on the rest with a model's parameters, and match those left out.
+
+    Bases and probes are computed once, by the model's own transformers. The reference is that of the model, in every
+    fold.
+
+    Parameters
+    ----------
+    model : WeightedFunctionalMapLearner, Pipeline or fitted search
+        A fitted model.
+    X, y : sequence, sequence of correspondences
+        What it was fitted on, the reference among them.
+    cv : int, cross-validation generator or iterable, default=5
+        Splits the shapes without the reference; see `skfmap.model_selection.PinnedReference`.
+    y_scored : sequence of correspondences, optional
+        What is scored, if not ``y``: with sparse landmarks, those that were not learned from.
+    naive : bool, default=True
+        Whether the same is done without weights, to compare with.
+    verbose : int, default=0
+        1 tells each fold.
+
+    Returns
+    -------
+    Evaluation
+        One entry for each shape but the reference, in the order of ``X``.
+
+    Raises
+    ------
+    ValueError
+        If ``X`` does not hold the model's reference, or fewer than two other shapes.
+    """
+    learner, shapes = learner_and_shapes(model, X)
+    place = _place_of_reference(learner, shapes)
+    order = [place, *(i for i in range(len(shapes)) if i != place)]
+    shapes, truths = [shapes[i] for i in order], [_correspondence(y[i]) for i in order]
+    scored = thin_out(truths if y_scored is None else [_correspondence(y_scored[i]) for i in order])
+    fitted: dict[int, tuple[Match, PairErrors]] = {}
+    without: dict[int, PairErrors] = {}
+    splits = list(PinnedReference(_folds(cv, len(shapes) - 1)).split(shapes, truths))
+    for fold, (train, test) in enumerate(splits, start=1):
+        if verbose:
+            tell(f"fold {fold} of {len(splits)}: {', '.join(label(shapes[i].name, 'shape') for i in test)} left out")
+        own = _trained(learner, shapes, truths, train)
+        matches, errors = own.match([shapes[i] for i in test]), _errors(own, shapes, scored, test)
+        fitted |= dict(zip(test.tolist(), zip(matches, errors, strict=True), strict=True))
+        if naive:
+            plain = _trained(learner, shapes, truths, train, weighting=None)
+            without |= dict(zip(test.tolist(), _errors(plain, shapes, scored, test), strict=True))
+    places = sorted(fitted)
+    return Evaluation(
+        [shapes[i].spectral.mesh for i in places],
+        [fitted[i][0] for i in places],
+        [fitted[i][1] for i in places],
+        [without[i] for i in places if naive],
+    )
+
+
+def thin_out(truths: Sequence[Correspondence]) -> list[Correspondence]:
+    """Return correspondences on at most 5,000 template points, which errors are averaged over."""
+    points = np.unique(truths[0].pairs[:, 1])
+    if len(points) <= _MOST_POINTS:
+        return list(truths)
+    chosen = np.random.default_rng(0).choice(points, _MOST_POINTS, replace=False)
+    return [truth.restrict(chosen) for truth in truths]
+
+
+def _folds(cv: Any, n_shapes: int) -> Any:
+    """Return ``cv``, but no more folds than shapes."""
+    return min(cv, n_shapes) if isinstance(cv, int) else cv
+
+
+def _place_of_reference(learner: Any, shapes: Sequence[ProbedShape]) -> int:
+    wanted = learner.reference_.spectral.mesh.content_hash
+    for i, shape in enumerate(shapes):
+        if shape.spectral.mesh.content_hash == wanted:
+            return i
+    raise ValueError(
+        f"X does not hold the model's reference, {label(learner.reference_.name, 'shape')}. Give the shapes that the "
+        "model was fitted on, transformed as they were then."
+    )
+
+
+def _correspondence(given: Any) -> Correspondence:
+    return given if isinstance(given, Correspondence) else Correspondence(given)
+
+
+def _trained(learner: Any, shapes: Sequence[Any], truths: Sequence[Any], train: Any, **changes: Any) -> Any:
+    fresh = clone(learner).set_params(reference="first", verbose=0, **changes)
+    return fresh.fit([shapes[i] for i in train], [truths[i] for i in train])
+
+
+def _errors(learner: Any, shapes: Sequence[Any], scored: Sequence[Any], test: Any) -> list[PairErrors]:
+    errors = learner.pair_errors([shapes[i] for i in test], [scored[i] for i in test], reference_y=scored[0])
+    return list(errors)

@@ -1,0 +1,282 @@
+"""The report: one page, one call."""
+
+import datetime
+import platform
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import sklearn
+
+from skfmap._unwrap import fitted_learner
+from skfmap._validation import check_number
+from skfmap._version import __version__
+from skfmap.metrics import ERROR_KINDS, PairErrors
+from skfmap.plotting import (
+    Camera,
+    ErrorCurveDisplay,
+    ReliabilityDisplay,
+    WeightsDisplay,
+    plot_functions,
+    plot_matches,
+)
+from skfmap.report._evaluation import Evaluation, evaluate
+from skfmap.report._html import details, findings, page, paragraph, picture, section, table
+from skfmap.report._verdict import expected_and_true, findings_of_evaluation, findings_of_model
+
+__all__ = ["write_report"]
+
+_KINDS = {"direct": "direct", "consistent": "better side", "per_vertex": "better side at each point"}
+
+
+def write_report(
+    model: Any,
+    path: str | Path,
+    X: Sequence[Any] | None = None,
+    y: Sequence[Any] | None = None,
+    *,
+    cv: Any = 5,
+    y_scored: Sequence[Any] | None = None,
+    evaluation: Evaluation | None = None,
+    n_worst: int = 3,
+    camera: Camera | None = None,
+    title: str = "Learned functional maps",
+    verbose: int = 0,
+) -> Path:
+    """Write a page that says at a glance whether a trained model can be trusted.
+
+    With the collection that the model was fitted on, shapes are left out in turn and matched by models trained on
+    the rest: errors, whether they were expected, and the worst matches in pictures. Without it the page tells what the
+    model knows of itself: weights, stable functions, calibrated errors.
+
+    Parameters
+    ----------
+    model : WeightedFunctionalMapLearner, Pipeline or fitted search
+        The fitted model.
+    path : str or Path
+        File to write, ``.html``. It needs no other file and no network.
+    X, y : sequence, sequence of correspondences, optional
+        What the model was fitted on.
+    cv : int, cross-validation generator or iterable, default=5
+        How shapes are left out; each fold is two fits, with weights and without.
+    y_scored : sequence of correspondences, optional
+        What is scored, if not ``y``: with sparse landmarks, those that were not learned from.
+    evaluation : Evaluation, optional
+        From `evaluate`, if it was run before; ``X`` and ``y`` then only describe the collection.
+    n_worst : int, default=3
+        How many of the worst matches are shown.
+    camera : Camera, optional
+        Pictures are taken from there.
+    title : str
+        Title of the page.
+    verbose : int, default=0
+        1 tells each fold.
+
+    Returns
+    -------
+    Path
+        The file.
+
+    Raises
+    ------
+    ValueError
+        If ``X`` and ``y`` are not those of the model, or only one of them is given.
+    sklearn.exceptions.NotFittedError
+        If the model is not fitted.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> from pathlib import Path
+    >>> from sklearn.pipeline import make_pipeline
+    >>> import skfmap
+    >>> from skfmap.datasets import make_creatures
+    >>> from skfmap.report import write_report
+    >>> creatures = make_creatures(n_shapes=4, n_vertices=500)
+    >>> model = make_pipeline(
+    ...     skfmap.SpectralBasis(n_components=30),
+    ...     skfmap.DescriptorTransformer(),
+    ...     skfmap.WeightedFunctionalMapLearner(n_functions=15, tol=1e-3),
+    ... ).fit(creatures.meshes, creatures.correspondences)
+    >>> path = Path(tempfile.mkdtemp(), "report.html")
+    >>> "Worst matches" in write_report(model, path, creatures.meshes, creatures.correspondences).read_text()
+    True
+    """
+    learner = fitted_learner(model)
+    check_number(n_worst, "n_worst", low=0, integer=True)
+    if (X is None) != (y is None):
+        raise ValueError("Give X and y together: the shapes that the model was fitted on, and their correspondences.")
+    if evaluation is None and X is not None and y is not None:
+        evaluation = evaluate(model, X, y, cv=cv, y_scored=y_scored, verbose=verbose)
+    news = findings_of_model(learner)
+    sections = []
+    if evaluation is not None:
+        news = findings_of_evaluation(learner, evaluation) + news
+        sections = [_errors(evaluation), _worst(learner, evaluation, n_worst, camera)]
+    sections = [
+        section("Can it be trusted?", findings(news), *_hint(evaluation)),
+        *sections,
+        _stable_functions(learner, camera),
+        _weights(learner),
+        _collection(learner, evaluation),
+        _settings(learner),
+    ]
+    Path(path).write_text(page(title, _subtitle(learner), sections), encoding="utf-8")
+    return Path(path)
+
+
+def _subtitle(learner: Any) -> str:
+    today = datetime.datetime.now(tz=datetime.UTC).date()
+    return (
+        f"Reference {learner.reference_.name}, {len(learner.weights_)} probe functions, "
+        f"{learner.n_training_shapes_} training shapes beside the reference. skfmap {__version__}, {today}."
+    )
+
+
+def _hint(evaluation: Evaluation | None) -> list[str]:
+    if evaluation is not None:
+        return []
+    return [
+        paragraph(
+            "No shape was left out for this page. Give write_report the collection, X and y, and it says how far "
+            "matches of shapes are off that the model was not trained on."
+        )
+    ]
+
+
+def _errors(evaluation: Evaluation) -> str:
+    """Return the table of the shapes left out, the worst first, the curve, and whether errors were expected."""
+    from matplotlib import pyplot as plt  # noqa: PLC0415
+
+    kinds = ERROR_KINDS if all(one.symmetric is not None for one in evaluation.errors) else ERROR_KINDS[:1]
+    figure, (left, right) = plt.subplots(1, 2, figsize=(11, 4), layout="constrained")
+    ErrorCurveDisplay.from_predictions(evaluation.errors, ax=left, name="learned weights")
+    if evaluation.naive_errors:
+        ErrorCurveDisplay.from_predictions(evaluation.naive_errors, ax=left, name="no weights (D = I)", linestyle="--")
+    expected, true = expected_and_true(evaluation)
+    ReliabilityDisplay.from_predictions(expected, true, ax=right, name="mean of a tenth of the points")
+    header = ["shape left out", *(_KINDS[kind] for kind in kinds), "expected", "half most trusted"]
+    rows = [
+        [
+            match.name or "",
+            *(_percent(errors.mean(kind)) for kind in kinds),
+            _percent(float(match.expected_error[errors.vertices].mean())),
+            _percent(_trusted_half(match.expected_error[errors.vertices], errors)),
+        ]
+        for match, errors in zip(evaluation.matches, evaluation.errors, strict=True)
+    ]
+    worst_first = np.argsort([-errors.mean() for errors in evaluation.errors], kind="stable")
+    return section(
+        "Errors on shapes left out",
+        paragraph(
+            "Mean geodesic errors in percent of sqrt(area) of the reference. Expected errors are what the model said "
+            "before it was told the truth; the last column is the true error of the half that it trusted most."
+        ),
+        table(header, [rows[i] for i in worst_first]),
+        picture(figure, "Left: share of points below an error. Right: expected against true errors."),
+    )
+
+
+def _trusted_half(expected: Any, errors: PairErrors) -> float:
+    trusted = expected <= np.median(expected)
+    return float(np.average(errors.direct[trusted], weights=errors.weights[trusted]))
+
+
+def _worst(learner: Any, evaluation: Evaluation, n_worst: int, camera: Camera | None) -> str:
+    order = np.argsort([-errors.mean() for errors in evaluation.errors], kind="stable")[:n_worst]
+    if not len(order):
+        return ""
+    figure = plot_matches(
+        [evaluation.matches[i] for i in order],
+        [evaluation.meshes[i] for i in order],
+        learner.reference_.spectral.mesh,
+        errors=[evaluation.errors[i] for i in order],
+        captions=[f"error {_percent(evaluation.errors[i].mean())} %" for i in order],
+        camera=camera,
+    )
+    return section(
+        "Worst matches",
+        paragraph(
+            "Each point has the colour of the point of the reference that it is sent to. Below, the error that the "
+            "model expects, and the true one; grey where no correspondence is known."
+        ),
+        picture(figure, "The worst matches: colours carried from the reference, expected errors, true errors."),
+    )
+
+
+def _stable_functions(learner: Any, camera: Camera | None, n_shown: int = 4) -> str:
+    """Return the most stable functions on the reference, the least stable one, and where on it maps err."""
+    reference, k = learner.reference_.spectral, len(learner.stable_basis_)
+    shown = [*range(1, min(1 + n_shown, k)), k - 1]
+    functions = (reference.evecs[:, :k] @ learner.stable_basis_[:, shown]).T
+    captions = [f"number {j + 1}: {learner.stability_[j]:.2f}" for j in shown]
+    limits = (-4.0, 4.0)
+    first = plot_functions(
+        [reference.mesh] * len(shown), list(functions), captions=captions, limits=limits, camera=camera
+    )
+    missed = [learner.stability_function()]
+    where = plot_functions([reference.mesh], missed, labels=["how far maps miss"], cmap="magma_r", camera=camera)
+    return section(
+        "What maps stably",
+        paragraph(
+            "Functions on the reference, the most stable first; the constant one, number 1, always is. The number "
+            "beside each is its singular value over the training shapes: 0 is carried perfectly. The last is lost."
+        ),
+        picture(first, "Stable functions on the reference."),
+        picture(where, "How far learned maps miss each part of the reference."),
+    )
+
+
+def _weights(learner: Any, n_shown: int = 10) -> str:
+    display = WeightsDisplay.from_estimator(learner)
+    display.figure_.set_size_inches(10, 3.6)
+    order = np.argsort(-learner.weights_, kind="stable")
+    rows = [[learner.probe_names_[j], learner.probe_categories_[j], f"{learner.weights_[j]:.3g}"] for j in order]
+    return section(
+        "Weights of the probe functions",
+        picture(display.figure_, "Weights by category."),
+        paragraph("Only together do probes make a map: a small weight does not mean that a probe says nothing."),
+        table(["probe", "category", "weight"], rows[:n_shown]),
+        details("All weights", table(["probe", "category", "weight"], rows)) if len(rows) > n_shown else "",
+    )
+
+
+def _collection(learner: Any, evaluation: Evaluation | None) -> str:
+    """Return a table of the shapes that are at hand: the reference, and those left out."""
+    reference = learner.reference_.spectral.mesh
+    rows = [
+        [
+            f"{reference.name} (reference)",
+            reference.n_vertices,
+            reference.n_faces,
+            f"{reference.area:.4g}",
+            len(np.unique(learner.reference_correspondence_.pairs[:, 1])),
+        ]
+    ]
+    if evaluation is not None:
+        rows += [
+            [mesh.name, mesh.n_vertices, mesh.n_faces, f"{mesh.area:.4g}", len(errors.vertices)]
+            for mesh, errors in zip(evaluation.meshes, evaluation.errors, strict=True)
+        ]
+    return section("Collection", table(["shape", "vertices", "faces", "area", "known points"], rows))
+
+
+def _settings(learner: Any) -> str:
+    parameters = [[name, repr(value)] for name, value in sorted(learner.get_params(deep=False).items())]
+    found = [
+        ["epsilon", f"{learner.epsilon_:.4g}"],
+        ["loss at the start, at the end", f"{learner.loss_curve_[0]:.4g}, {learner.loss_:.4g}"],
+        ["iterations", learner.n_iter_],
+        ["bridge", "none" if learner.bridge_ is None else learner.bridge_.reference_.name],
+        ["scikit-learn, numpy, Python", f"{sklearn.__version__}, {np.__version__}, {platform.python_version()}"],
+    ]
+    return section(
+        "How it was made",
+        table(["found", ""], found),
+        details("Parameters of the learner", table(["parameter", "value"], parameters)),
+    )
+
+
+def _percent(error: float) -> str:
+    return f"{100 * error:.1f}"
