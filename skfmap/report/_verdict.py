@@ -104,8 +104,8 @@ def _expectation(evaluation: Evaluation) -> Finding:
     ranks = float(spearmanr(expected, true).statistic)
     believed = 1 / _BELIEVED < ratio < _BELIEVED
     text = (
-        f"Expected errors are {100 * expected.mean():.1f} % on average where the true ones are {100 * true.mean():.1f} %"
-        f" (rank correlation over points {ranks:.2f})"
+        f"Expected errors are {100 * expected.mean():.1f} % on average where the true ones are "
+        f"{100 * true.mean():.1f} % (rank correlation over points {ranks:.2f})"
     )
     if believed:
         return Finding("good", text + ".")
@@ -117,9 +117,7 @@ def _convergence(learner: Any) -> list[Finding]:
         return []
     if learner.converged_:
         return [Finding("good", f"The search for weights converged in {learner.n_iter_} iterations.")]
-    text = (
-        f"The search for weights had not converged when it stopped after {learner.n_iter_} iterations; raise max_iter."
-    )
+    text = f"The search for weights stopped after {learner.n_iter_} iterations, before it converged; raise max_iter."
     return [Finding("doubtful", text)]
 
 
