@@ -1,0 +1,101 @@
+"""The rules that contributions are held to, and the steps of a release."""
+
+import datetime
+import importlib.util
+import re
+import tomllib
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[1]
+pytestmark = pytest.mark.skipif(not (ROOT / ".ci").is_dir(), reason="not in a checkout")
+
+
+def _script(path):
+    spec = importlib.util.spec_from_file_location(Path(path).stem, ROOT / path)
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+@pytest.fixture(scope="module")
+def project():
+    return tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
+
+
+@pytest.mark.parametrize(
+    ("changed", "message", "refused"),
+    [
+        (["skfmap/learner.py"], "Faster", True),
+        (["skfmap/learner.py", "docs/changelog.rst"], "Faster", False),
+        (["tests/test_io.py", "docs/index.rst"], "More tests", False),
+        (["skfmap/learner.py"], "Rename\n\nNo-changelog: a private name", False),
+        (["skfmap/learner.py"], "Rename\n\nNo-changelog:", True),
+    ],
+)
+def test_a_change_of_the_package_needs_a_changelog_entry(changed, message, refused):
+    told = _script(".ci/changelog_entry.py").complaint(changed, message)
+    assert (told is not None) == refused
+    assert not refused or changed[0] in told
+
+
+_CHANGELOG = (
+    "Changelog\n=========\n\n1.2.0 (unreleased)\n------------------\n\nAdded\n\n- Something.\n\n1.1.0 (2025-01-01)\n"
+)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({}, None),
+        ({"version": "1.2"}, "no version like"),
+        ({"changed_files": " M skfmap/io.py"}, "not committed"),
+        ({"tags": "v1.1.0 v1.2.0"}, "tag v1.2.0 already"),
+        ({"version": "1.3.0"}, "has no section '1.3.0 (unreleased)'"),
+        ({"changelog": _CHANGELOG.replace("- Something.\n", "")}, "says nothing"),
+    ],
+)
+def test_what_must_hold_before_a_release(change, message):
+    given = {"version": "1.2.0", "current": "1.1.0", "changelog": _CHANGELOG, "changed_files": "", "tags": "v1.1.0"}
+    told = _script(".ci/release.py").check(**given | change)
+    assert told is None if message is None else message in told
+
+
+def test_what_changes_with_a_release():
+    release = _script(".ci/release.py")
+    text = release.dated(_CHANGELOG, "1.2.0", datetime.date(2026, 3, 4))
+    assert "1.2.0 (2026-03-04)\n------------------\n" in text
+    source = (ROOT / "skfmap" / "_version.py").read_text(encoding="utf-8")
+    assert '__version__ = "9.8.7"' in release.versioned(source, "9.8.7")
+    with pytest.raises(ValueError, match="0 lines"):
+        release.versioned("", "9.8.7")
+
+
+def test_the_oldest_dependencies_are_the_floors(project):
+    extras = project["project"]["optional-dependencies"].values()
+    floors = [*project["project"]["dependencies"], *(line for extra in extras for line in extra)]
+    pinned = dict(line.split("==") for line in project["dependency-groups"]["oldest"])
+    for line in floors:
+        name, floor = line.split(">=")
+        padded = ".".join([*floor.split("."), "0", "0"][:3])
+        assert pinned.pop(name) == padded
+    assert not pinned
+
+
+def test_each_step_of_the_gate_that_is_written_down_is_there():
+    script = (ROOT / ".ci" / "run").read_text(encoding="utf-8")
+    steps = set(re.findall(r"^#   \.ci/run (\w+)", script, re.MULTILINE))
+    functions = set(re.findall(r"^(\w+)\(\) \{", script, re.MULTILINE))
+    assert steps <= functions
+    page = (ROOT / "docs" / "contributing.rst").read_text(encoding="utf-8")
+    assert set(re.findall(r"\.ci/run ([a-z]+)", page)) >= steps
+
+
+def test_links_inside_pages_are_followed(tmp_path):
+    (tmp_path / "a.html").write_text('<h1 id="top">A</h1><a href="b.html#there">b</a><a href="https://x.org/y">x</a>')
+    (tmp_path / "b.html").write_text(
+        '<p id="there"></p><a href="a.html#top">a</a><img src="lost.png"><a href="#no">n</a>'
+    )
+    broken = _script("docs/check_links.py").broken_links(tmp_path)
+    assert sorted(link for _, link in broken) == ["#no", "lost.png"]
