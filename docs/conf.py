@@ -2,7 +2,9 @@
 
 import importlib.metadata
 import os
+import sys
 import warnings
+from pathlib import Path
 
 os.environ.setdefault("MPLBACKEND", "agg")
 warnings.filterwarnings("ignore", message=".*non-interactive.*")
@@ -17,6 +19,7 @@ extensions = [
     "sphinx.ext.autosummary",
     "sphinx.ext.doctest",
     "sphinx.ext.mathjax",
+    "matplotlib.sphinxext.plot_directive",
     "numpydoc",
     "sphinx_gallery.gen_gallery",
 ]
@@ -26,12 +29,31 @@ autosummary_generate = True
 autosummary_imported_members = True
 numpydoc_show_class_members = False
 html_theme = "pydata_sphinx_theme"
-html_theme_options = {"show_prev_next": False, "footer_start": ["copyright"], "footer_end": []}
+html_theme_options = {
+    "logo": {"text": "skfmap"},
+    "navbar_align": "left",
+    "show_prev_next": False,
+    "footer_start": ["copyright"],
+    "footer_end": [],
+}
 suppress_warnings = ["config.cache"]
+
+# Figures of the pages come from figures.py beside this file.
+sys.path.insert(0, str(Path(__file__).parent))
+plot_include_source = False
+plot_html_show_source_link = False
+plot_html_show_formats = False
+plot_formats = [("png", 100)]
+plot_working_directory = str(Path(__file__).parent)
+
+linkcheck_anchors = False  # of pages that are made by scripts
+linkcheck_timeout = 20
 
 sphinx_gallery_conf = {
     "examples_dirs": "../examples",
     "gallery_dirs": "generated/gallery",
+    "within_subsection_order": "FileNameSortKey",
+    "backreferences_dir": None,
     "filename_pattern": "plot_",
     "abort_on_example_error": True,
     "download_all_examples": False,

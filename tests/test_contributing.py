@@ -80,7 +80,7 @@ def test_the_oldest_dependencies_are_the_floors(project):
         name, floor = line.split(">=")
         padded = ".".join([*floor.split("."), "0", "0"][:3])
         assert pinned.pop(name) == padded
-    assert not pinned
+    assert set(pinned) == {"pyparsing"}  # of matplotlib
 
 
 def test_each_step_of_the_gate_that_is_written_down_is_there():

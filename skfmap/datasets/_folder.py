@@ -80,10 +80,7 @@ def load_collection(folder: str | Path, pattern: str = "*", reference: str | Non
         correspondences = _all_found(found, names, folder)
         counts = [len(truth.pairs) for truth in correspondences]
         n_symmetric = sum(truth.has_symmetric for truth in correspondences)
-        how = (
-            f"{min(counts)} to {max(counts)} pairs per mesh read beside them, symmetric answers for {n_symmetric} of "
-            f"{len(meshes)}"
-        )
+        how = f"{_range(counts)} pairs per mesh read beside them, symmetric answers for {n_symmetric} of {len(meshes)}"
         _check_vts_lengths(paths)
     return Bunch(
         meshes=meshes,
@@ -91,6 +88,10 @@ def load_collection(folder: str | Path, pattern: str = "*", reference: str | Non
         names=names,
         DESCR=f"{len(meshes)} meshes of {folder}, reference {names[0]!r}; {how}.",
     )
+
+
+def _range(counts: list[int]) -> str:
+    return f"{min(counts)}" if min(counts) == max(counts) else f"{min(counts)} to {max(counts)}"
 
 
 def _mesh_paths(folder: Path, pattern: str, reference: str | None) -> list[Path]:

@@ -18,7 +18,7 @@ class BasisErrorDisplay:
     Parameters
     ----------
     errors : array-like of shape (n_shapes, k)
-        |(X_i(D) - C_i) y_j| for each shape and function, the most stable function first.
+        Length of (X_i(D) - C_i) y_j for each shape and function, the most stable function first.
     name : str, optional
         What the curve is called in the legend.
 

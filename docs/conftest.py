@@ -1,0 +1,37 @@
+"""The folders that the pages speak of, so that every code block of theirs runs as it is written."""
+
+import shutil
+import warnings
+
+import numpy as np
+import pytest
+from matplotlib import pyplot as plt
+
+from skfmap.datasets import make_creatures
+from skfmap.io import write_mesh
+
+
+@pytest.fixture(scope="session")
+def _folders(tmp_path_factory):
+    """Write six creatures: five in meshes/ with files of their correspondences, one in new/ with none."""
+    place = tmp_path_factory.mktemp("pages")
+    (place / "meshes").mkdir()
+    (place / "new").mkdir()
+    creatures = make_creatures(n_shapes=6, n_vertices=600, n_points=400)
+    for mesh, truth in zip(creatures.meshes[:5], creatures.correspondences, strict=False):
+        write_mesh(mesh, place / "meshes" / f"{mesh.name}.off")
+        for suffix, pairs in ((".vts", truth.pairs), (".sym.vts", truth.symmetric_pairs)):
+            vertices = pairs[np.argsort(pairs[:, 1]), 0] + 1
+            np.savetxt(place / "meshes" / f"{mesh.name}{suffix}", vertices, fmt="%d")
+    write_mesh(creatures.meshes[5], place / "new" / "scan.ply")
+    return place
+
+
+@pytest.fixture(autouse=True)
+def _in_a_folder_of_meshes(_folders, tmp_path, monkeypatch):
+    place = tmp_path / "work"
+    shutil.copytree(_folders, place)
+    monkeypatch.chdir(place)
+    with warnings.catch_warnings():
+        yield
+    plt.close("all")
