@@ -35,9 +35,8 @@ def figure(collection, families="paper", strategies=STRATEGIES):
         profile = SingularValuesDisplay.from_estimator(learner, shapes[-1:], truths[-1:], ax=axes[1], name=name)
         values = profile.singular_values.ravel()
         print(
-            f"{name:>9}: loss {learner.loss_:6.1f}, singular values below 0.1: {(values < 0.1).sum():2d}, "
-            f"below 0.3: {(values < 0.3).sum():2d}, below 0.5: {(values < 0.5).sum():2d} of {len(values)}; "
-            f"largest {values.max():.2f}"
+            f"{name:>9}: loss {learner.loss_:5.1f}; of 50 singular values {(values < 0.1).sum()} below 0.1, "
+            f"{(values < 0.3).sum()} below 0.3, {(values < 0.5).sum()} below 0.5; largest {values.max():.1f}"
         )
     plt.show()
 
@@ -71,4 +70,8 @@ folder = os.environ.get("SKFMAP_DATA")
 if folder:
     cats = load_collection(Path(folder) / "tosca_isometric", "cat*", reference="cat0")
     figure(cats)
+
+# %%
+# And with 310 probes on the cats of TOSCA.
+if folder:
     figure(cats, "paper-310", {"naive": None, "function": "function"})

@@ -17,31 +17,35 @@ from skfmap import DescriptorTransformer, SpectralBasis, WeightedFunctionalMapLe
 from skfmap.datasets import load_collection, make_creatures
 from skfmap.plotting import plot_functions
 
-STRATEGIES = {"naive": None, "unique weight": "unique", "per category": "category", "per function": "function"}
+STRATEGIES = {"naive": None, "unique": "unique", "category": "category", "function": "function"}
 
 
 # %%
 # On the reference a stable function is ``evecs @ y``; on the other shape it is ``evecs @ X(D) @ y``, where the
-# functional map X(D) pulls functions on the reference back to the shape. The last row is where the *known* map puts
-# the function.
+# functional map X(D) pulls functions on the reference back to the shape. The last column is where the *known* map
+# puts the function; beside each row stands how far the two are apart.
 def figure(collection, which=1):
     """Draw a stable function of each strategy on the reference, and carried to the last shape."""
     shapes = DescriptorTransformer("paper").transform(SpectralBasis(60).transform(collection.meshes))
     truths = collection.correspondences
     reference, unseen = (shape.spectral for shape in (shapes[0], shapes[-1]))
-    on_reference, on_unseen, captions = [], [], []
+    columns, labels = ([], [], []), []
     for name, weighting in STRATEGIES.items():
         learner = WeightedFunctionalMapLearner(weighting=weighting).fit(shapes[:-1], truths[:-1])
         y = learner.stable_basis_[:, which]
-        y = y * np.sign((reference.evecs[:, :50] @ y)[np.abs(reference.evecs[:, :50] @ y).argmax()])
+        values = reference.evecs[:, :50] @ y
+        y = y * np.sign(values[np.abs(values).argmax()])  # the sign of y means nothing: its peak is positive here
         (X,), (C,) = learner.functional_maps(shapes[-1:]), learner.ground_truth_maps(shapes[-1:], truths[-1:])
-        on_reference.append(reference.evecs[:, :50] @ y)
-        on_unseen.append(unseen.evecs[:, :50] @ np.column_stack([X @ y, C @ y]))
-        captions.append(f"{name}\nerror (5): {np.linalg.norm((X - C) @ y):.2f}")
-    limits = (-4, 4)
-    plot_functions([reference.mesh] * 4, on_reference, captions=captions, labels=["on the reference"], limits=limits)
+        images = (reference.evecs[:, :50] @ y, unseen.evecs[:, :50] @ X @ y, unseen.evecs[:, :50] @ C @ y)
+        for column, image in zip(columns, images, strict=True):
+            column.append(image)
+        labels.append(f"{name}: {np.linalg.norm((X - C) @ y):.2f}")
     plot_functions(
-        [unseen.mesh] * 4, on_unseen, captions=[""] * 4, labels=["by X(D)", "by the known map"], limits=limits
+        [reference.mesh, unseen.mesh, unseen.mesh],
+        [np.column_stack(column) for column in columns],
+        captions=["on the reference", "carried by X(D)", "by the known map"],
+        labels=labels,
+        limits=(-4, 4),
     )
     plt.show()
 

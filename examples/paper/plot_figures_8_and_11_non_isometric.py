@@ -83,5 +83,10 @@ figure(horses, n_training=10, families="paper")
 folder = os.environ.get("SKFMAP_DATA")
 if folder:
     people = load_collection(Path(folder) / "tosca_nonisometric", "*", reference="8_man_01")
-    for families in ("paper-310", "paper"):
-        figure(people, n_training=10, camera=Camera(azimuth=20, elevation=10), families=families)
+    camera = Camera(azimuth=20, elevation=10)
+    figure(people, n_training=10, camera=camera)
+
+# %%
+# From the man to a woman with the paper's 50 probes.
+if folder:
+    figure(people, n_training=10, camera=camera, families="paper")

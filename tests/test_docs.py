@@ -1,0 +1,101 @@
+"""What the pages say can be run, and every public name has its place in them."""
+
+import importlib
+import pkgutil
+import re
+from pathlib import Path
+
+import pytest
+
+import skfmap
+from skfmap.__main__ import _parser
+
+ROOT = Path(__file__).resolve().parents[1]
+pytestmark = pytest.mark.skipif(not (ROOT / "docs").is_dir(), reason="not in a checkout")
+
+
+def _pages():
+    pages = [path for path in (ROOT / "docs").rglob("*.rst") if not {"_build", "generated"} & set(path.parts)]
+    return [ROOT / "README.md", *sorted(pages)]
+
+
+def _blocks(language):
+    """Return the lines of all code blocks of a language."""
+    for path in _pages():
+        text = path.read_text(encoding="utf-8")
+        pattern = (
+            rf"```{language}\n(.*?)```"
+            if path.suffix == ".md"
+            else rf"\.\. code-block:: {language}\n\n((?:   .*\n|\n)+)"
+        )
+        for block in re.findall(pattern, text, re.DOTALL if path.suffix == ".md" else 0):
+            yield path.name, [line.strip() for line in block.splitlines() if line.strip()]
+
+
+def test_python_stands_in_examples_that_are_run():
+    """Doctests are collected from every page; a block without a prompt would not be run."""
+    for name, lines in _blocks("python"):
+        assert all(
+            line.startswith((">>>", "...")) or lines[i - 1].startswith((">>>", "...")) for i, line in enumerate(lines)
+        ), name
+
+
+def _commands():
+    return [(name, line) for name, lines in _blocks("console") for line in lines if not line.startswith("#")]
+
+
+@pytest.mark.parametrize(("page", "command"), _commands())
+def test_commands_are_those_that_the_gate_runs_or_parse(page, command):
+    if command.startswith("python3 -m venv"):
+        assert f"```console\n{command}\n```" in (ROOT / "README.md").read_text(encoding="utf-8")  # the gate runs these
+    elif command.startswith(".ci/run"):
+        step = command.split()[1]
+        assert f"\n{step}() {{\n" in (ROOT / ".ci" / "run").read_text(encoding="utf-8")
+    elif "-m skfmap" in command:
+        arguments = command.split("-m skfmap", 1)[1].replace("'", "").replace('"', "").split()
+        assert _parser().parse_args(arguments).folder
+    else:
+        script = re.search(r"tests/benchmarks/\w+\.py", command)
+        assert script, f"{page}: nothing runs {command!r}"
+        assert (ROOT / script[0]).is_file()
+
+
+def test_benchmarks_that_pages_name_are_there():
+    for path in _pages():
+        for script in re.findall(r"tests/benchmarks/\w+\.py", path.read_text(encoding="utf-8")):
+            assert (ROOT / script).is_file(), f"{path.name}: {script}"
+
+
+def _public():
+    """Return the names that users import: those of the package, and those of its public modules."""
+    names = {f"{name}" for name in skfmap.__all__ if not name.startswith("_")}
+    for module in pkgutil.iter_modules(skfmap.__path__):
+        if not module.name.startswith("_") and module.name not in (
+            "basis",
+            "learner",
+            "shapes",
+            "geometry",
+            "exceptions",
+        ):
+            public = importlib.import_module(f"skfmap.{module.name}")
+            names |= {f"{module.name}.{name}" for name in public.__all__}
+    return names
+
+
+# Public elsewhere, or of use inside the package only.
+_ELSEWHERE = {
+    *("descriptors.DescriptorTransformer", "functional.basis_error", "metrics.ERROR_KINDS", "io.MESH_SUFFIXES"),
+    *("report.thin_out", "persistence.TRUSTED_TYPES", "io.as_mesh", "io.as_meshes"),
+    *("ground_truth.KnownMap", "ground_truth.join_with_reference", "ground_truth.known_maps"),
+}
+
+
+def test_every_public_name_is_in_the_api():
+    listed = set(
+        re.findall(r"^   ([A-Za-z_.]+)$", (ROOT / "docs" / "api.rst").read_text(encoding="utf-8"), re.MULTILINE)
+    )
+    missing = _public() - listed - _ELSEWHERE
+    assert not missing, sorted(missing)
+    for name in listed:
+        holder, _, attribute = f"skfmap.{name}".rpartition(".")
+        assert hasattr(importlib.import_module(holder), attribute), name
