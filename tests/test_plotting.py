@@ -6,6 +6,7 @@ import re
 import shutil
 import subprocess
 import sys
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -172,6 +173,15 @@ def test_true_errors_are_shown_where_they_are_known(matched, fitted, probed, col
     assert shown[known[0]] == pytest.approx(errors[0].direct[errors[0].vertices == known[0]].mean())
 
 
+def test_shapes_need_no_names_and_functions_no_variation(matched):
+    matches, (mesh,), reference = matched
+    nameless = [Mesh(one.vertices, one.faces) for one in (mesh, reference)]
+    figure = plot_matches([replace(matches[0], name=None)], nameless[:1], nameless[1])
+    assert [axes.get_title() for axes in figure.axes[:2]] == ["reference", ""]
+    figure = plot_functions(nameless[:1], [np.full((mesh.n_vertices, 2), [0.0, np.nan])])
+    figure.canvas.draw()
+
+
 def test_matched_shapes_are_turned_to_face_as_the_reference_does(matched):
     matches, (mesh,), reference = matched
     options = {"show": ["match"], "errors": None, "captions": None, "camera": None}
@@ -193,6 +203,8 @@ def test_matched_shapes_are_turned_to_face_as_the_reference_does(matched):
         (lambda m, s, r: plot_functions(s, []), "1 meshes and 0 functions"),
         (lambda m, s, r: plot_functions(s, [np.ones(380)], captions="body"), "captions must hold a text for each"),
         (lambda m, s, r: plot_functions([s[0], s[0]], [np.ones(380), np.ones((380, 2))]), "as many functions"),
+        (lambda m, s, r: plot_functions(s, [np.ones((380, 0))]), "no function on mesh 'body5'"),
+        (lambda m, s, r: plot_functions(s, [1.0]), "for each of the 380 vertices"),
         (lambda m, s, r: plot_matches(m, [], r), "one mesh per match"),
         (lambda m, s, r: plot_matches(m, [r], r), "in the order of the matches"),
         (lambda m, s, r: plot_matches(m, s, r, show=["error"]), "show must be one of"),

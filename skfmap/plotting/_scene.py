@@ -114,7 +114,9 @@ def scene_of_functions(
 def _columns(values: Any, mesh: Mesh) -> tuple[Any, ...]:
     """Return the functions of one mesh, as a tuple, from one of them or the columns of a matrix."""
     given = np.ma.asarray(values)
-    columns = [given] if given.ndim == 1 else list(given.T)
+    columns = list(given.T) if given.ndim == 2 else [given]
+    if not columns:
+        raise ValueError(f"There is no function on {label(mesh.name)}; got an array of shape {given.shape}.")
     return tuple(check_values(column, mesh, "functions") for column in columns)
 
 
@@ -140,7 +142,7 @@ def scene_of_matches(
     colours = colours_of_position(origin)
     at_rest = _placed(origin, camera.up)
     panels = [
-        Panel(origin, at_rest, f"reference: {origin.name}", tuple(colours if w == "match" else None for w in show))
+        Panel(origin, at_rest, _title("reference", origin.name), tuple(colours if w == "match" else None for w in show))
     ]
     for i, (match, mesh) in enumerate(zip(matches, shapes, strict=True)):
         points = _placed(mesh, camera.up)
@@ -148,7 +150,7 @@ def scene_of_matches(
         values = {"match": colours[match.p2p], "expected error": match.expected_error, "confidence": match.confidence}
         if errors is not None:
             values["true error"] = _at_vertices(errors[i], mesh.n_vertices)
-        caption = f"{match.name or mesh.name}" + ("" if captions is None else f"\n{captions[i]}")
+        caption = (match.name or mesh.name or "") + ("" if captions is None else f"\n{captions[i]}")
         panels.append(Panel(mesh, points, caption, tuple(values[what] for what in show)))
     worst = max(0.02, *(float(np.max(match.expected_error)) for match in matches))
     scales = {
@@ -158,6 +160,10 @@ def scene_of_matches(
         "confidence": Scale(CONFIDENCE, 0.0, 1.0, "confidence (within 0.1)"),
     }
     return Scene(tuple(panels), tuple(scales[what] for what in show), tuple(show), camera)
+
+
+def _title(what: str, name: str | None) -> str:
+    return what if name is None else f"{what}: {name}"
 
 
 def _check_shown(show: Sequence[str], errors: Sequence[PairErrors] | None, n_matches: int) -> tuple[str, ...]:

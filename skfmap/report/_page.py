@@ -129,7 +129,7 @@ def write_report(
 def _subtitle(learner: Any) -> str:
     today = datetime.datetime.now(tz=datetime.UTC).date()
     return (
-        f"Reference {learner.reference_.name}, {len(learner.weights_)} probe functions, "
+        f"Reference {learner.reference_.name or 'without a name'}, {len(learner.weights_)} probe functions, "
         f"{learner.n_training_shapes_} training shapes beside the reference. skfmap {__version__}, {today}."
     )
 
@@ -155,7 +155,8 @@ def _errors(evaluation: Evaluation) -> str:
     if evaluation.naive_errors:
         ErrorCurveDisplay.from_predictions(evaluation.naive_errors, ax=left, name="no weights (D = I)", linestyle="--")
     expected, true = expected_and_true(evaluation)
-    ReliabilityDisplay.from_predictions(expected, true, ax=right, name="mean of a tenth of the points")
+    n_bins = min(10, len(true))
+    ReliabilityDisplay.from_predictions(expected, true, ax=right, n_bins=n_bins, name="mean of a tenth of the points")
     header = ["shape left out", *(_KINDS[kind] for kind in kinds), "expected", "half most trusted"]
     rows = [
         [
@@ -247,7 +248,7 @@ def _collection(learner: Any, evaluation: Evaluation | None) -> str:
     reference = learner.reference_.spectral.mesh
     rows = [
         [
-            f"{reference.name} (reference)",
+            f"{reference.name or ''} (reference)",
             reference.n_vertices,
             reference.n_faces,
             f"{reference.area:.4g}",
@@ -256,7 +257,7 @@ def _collection(learner: Any, evaluation: Evaluation | None) -> str:
     ]
     if evaluation is not None:
         rows += [
-            [mesh.name, mesh.n_vertices, mesh.n_faces, f"{mesh.area:.4g}", len(errors.vertices)]
+            [mesh.name or "", mesh.n_vertices, mesh.n_faces, f"{mesh.area:.4g}", len(errors.vertices)]
             for mesh, errors in zip(evaluation.meshes, evaluation.errors, strict=True)
         ]
     return section("Collection", table(["shape", "vertices", "faces", "area", "known points"], rows))
