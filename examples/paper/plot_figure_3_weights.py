@@ -48,7 +48,7 @@ figure(make_creatures(n_shapes=11, n_vertices=1000))
 # -----------------------------------
 #
 # The paper: maps of learned weights have more small singular values than the naive map, which has none. We see the
-# first and half of the second. On the unseen cat of TOSCA (trained on nine others) 14 of the naive map's 50 singular
+# first and half of the second. On the unseen cat of TOSCA (trained on nine others) 15 of the naive map's 50 singular
 # values lie below 0.3 and 20 below 0.5; with one weight per function 17 and 22, and the long tail is gone: the
 # largest falls from 8.9 to 2.1. With 310 probes 15 below 0.3 become 19. The loss on the training shapes falls from
 # 225.7 (naive) to 198.3 (unique), 191.4 (category) and 181.4 (function), and to 166.8 with 310 probes.
