@@ -6,9 +6,20 @@ import warnings
 import numpy as np
 import pytest
 from matplotlib import pyplot as plt
+from threadpoolctl import threadpool_limits
 
 from skfmap.datasets import make_creatures
 from skfmap.io import write_mesh
+
+# No pages: what builds them.
+collect_ignore = ["conf.py", "figures.py", "formulas.py", "layers.py", "check_links.py", "_build", "generated"]
+
+
+@pytest.fixture(scope="session", autouse=True)
+def _one_thread():
+    """Keep threads from waiting for cores that other processes hold: many times as long on shapes of this size."""
+    with threadpool_limits(limits=1):
+        yield
 
 
 @pytest.fixture(scope="session")
