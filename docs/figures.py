@@ -301,9 +301,7 @@ def flow():
                     linewidth=0.8,
                 )
             )
-            ax.text(
-                x + 1.15, y + 0.45, who if place == 0 else f"{step}\n{text}", ha="center", va="center", fontsize=7
-            )
+            ax.text(x + 1.15, y + 0.45, who if place == 0 else f"{step}\n{text}", ha="center", va="center", fontsize=7)
             if place:
                 ax.annotate("", (x, y + 0.45), (x - 0.25, y + 0.45), arrowprops={"arrowstyle": "->", "color": "0.4"})
     ax.annotate("", (8.9, 0.9), (8.9, 1.4), arrowprops={"arrowstyle": "->", "color": "0.4"})
