@@ -5,10 +5,23 @@ import warnings
 
 import numpy as np
 import pytest
+import trimesh
 from matplotlib import pyplot as plt
+from threadpoolctl import threadpool_limits
 
+from skfmap import Mesh
 from skfmap.datasets import make_creatures
 from skfmap.io import write_mesh
+
+# No pages: what builds them.
+collect_ignore = ["conf.py", "figures.py", "formulas.py", "layers.py", "check_links.py", "_build", "generated"]
+
+
+@pytest.fixture(scope="session", autouse=True)
+def _one_thread():
+    """Keep threads from waiting for cores that other processes hold: many times as long on shapes of this size."""
+    with threadpool_limits(limits=1):
+        yield
 
 
 @pytest.fixture(scope="session")
@@ -24,6 +37,8 @@ def _folders(tmp_path_factory):
             vertices = pairs[np.argsort(pairs[:, 1]), 0] + 1
             np.savetxt(place / "meshes" / f"{mesh.name}{suffix}", vertices, fmt="%d")
     write_mesh(creatures.meshes[5], place / "new" / "scan.ply")
+    finer = trimesh.remesh.subdivide(creatures.meshes[5].vertices, creatures.meshes[5].faces)
+    write_mesh(Mesh(*finer), place / "new" / "scan-full.ply")
     return place
 
 

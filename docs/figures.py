@@ -1,20 +1,26 @@
 """The figures of the pages on concepts and architecture, drawn when the pages are built."""
 
-import ast
-import tomllib
 from functools import lru_cache
-from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
+from layers import modules_of, read_layers
 from matplotlib import pyplot as plt
 from matplotlib.patches import FancyBboxPatch
 
-from skfmap import DescriptorTransformer, SpectralBasis, WeightedFunctionalMapLearner
+from skfmap import DescriptorTransformer, Mesh, SpectralBasis, WeightedFunctionalMapLearner
 from skfmap.datasets import make_creatures
-from skfmap.plotting import BasisErrorDisplay, ReliabilityDisplay, SingularValuesDisplay, plot_functions, plot_matches
-
-ROOT = Path(__file__).resolve().parents[1]
+from skfmap.functional import project
+from skfmap.metrics import ERROR_KINDS
+from skfmap.plotting import (
+    BasisErrorDisplay,
+    ReliabilityDisplay,
+    SingularValuesDisplay,
+    WeightsDisplay,
+    plot_function,
+    plot_functions,
+    plot_matches,
+)
 
 
 @lru_cache(maxsize=1)
@@ -37,55 +43,130 @@ def trained():
     )
 
 
-def eigenfunctions():
-    """Draw the same three eigenfunctions on two poses."""
+@lru_cache(maxsize=1)
+def _posed():
+    """Return the unseen shape as a mesh that faces as the reference does: turned about the vertical, nothing else."""
     it = trained()
-    shown = [1, 2, 8]
-    poses = [it.reference, it.unseen]
-    plot_functions(
-        [pose.mesh for pose in poses],
-        [pose.evecs[:, shown] for pose in poses],
-        labels=[f"number {j + 1}" for j in shown],
-        captions=["the reference", "another pose"],
-    )
+    mesh, pairs = it.unseen.mesh, it.new_truths[0].join(it.truths[0])
+    here = mesh.vertices[pairs.vertices_i] - mesh.vertices.mean(axis=0)
+    there = it.reference.mesh.vertices[pairs.vertices_0] - it.reference.mesh.vertices.mean(axis=0)
+    angle = np.angle(np.vdot(here[:, 0] + 1j * here[:, 1], there[:, 0] + 1j * there[:, 1]))
+    turn = np.array([[np.cos(angle), np.sin(angle), 0], [-np.sin(angle), np.cos(angle), 0], [0, 0, 1]])
+    return Mesh(mesh.vertices @ turn, mesh.faces, name=mesh.name)
+
+
+@lru_cache(maxsize=1)
+def _known():
+    it = trained()
+    return it.learned.ground_truth_maps(it.new, it.new_truths)[0]
+
+
+def _grid(rows, titles, labels):
+    """Draw functions of the rows' meshes side by side; those of a column share a scale about zero."""
+    size = (1.75 * len(titles), 1.5 * len(rows))
+    _, axes = plt.subplots(len(rows), len(titles), figsize=size, squeeze=False, layout="constrained")
+    for column, title in enumerate(titles):
+        largest = max(np.quantile(np.abs(functions[:, column]), 0.99) for _, functions in rows)
+        for (mesh, functions), ax in zip(rows, axes[:, column], strict=True):
+            plot_function(mesh, functions[:, column], ax=ax, limits=(-largest, largest))
+        axes[0, column].set_title(title, fontsize=10)
+    for label, ax in zip(labels, axes[:, 0], strict=True):
+        ax.text(-0.04, 0.5, label, transform=ax.transAxes, rotation=90, ha="right", va="center", fontsize=10)
+
+
+def eigenfunctions():
+    """Draw the same five eigenfunctions on two poses."""
+    it, shown = trained(), [1, 2, 3, 6, 16]
+    rows = [(it.reference.mesh, it.reference.evecs[:, shown]), (_posed(), it.unseen.evecs[:, shown])]
+    _grid(rows, [f"number {j}" for j in shown], ["reference", "another pose"])
 
 
 def pulled_back():
     """Draw a function on the reference, what the true points make of it, and what the functional map does."""
     it = trained()
-    bump = np.exp(
-        -((it.reference.vertices - it.reference.vertices[it.reference.vertices[:, 1].argmax()]) ** 2).sum(1) * 8
+    distances = np.linalg.norm(
+        it.reference.vertices - it.reference.vertices[it.reference.vertices[:, 2].argmax()], axis=1
     )
-    (C,) = it.learned.ground_truth_maps(it.new, it.new_truths)
-    coefficients = it.reference.evecs[:, :50].T @ (it.reference.mass * bump)
-    join = it.new_truths[0].join(it.truths[0])
-    nearest = np.linalg.norm(it.unseen.vertices[:, None] - it.unseen.vertices[join.vertices_i], axis=2).argmin(axis=1)
-    meshes = [it.reference.mesh, it.unseen.mesh, it.unseen.mesh]
-    functions = [bump, bump[join.vertices_0[nearest]], it.unseen.evecs[:, :50] @ C @ coefficients]
-    plot_functions(
-        meshes,
-        functions,
-        captions=["a function f on the reference", "f after the points' map T", "C times 50 coefficients of f"],
-        limits=(0, 1),
-        cmap="viridis",
-    )
+    bump = np.exp(-((distances / 0.15) ** 2))
+    coefficients = project(bump[:, None], it.reference.evecs[:, :50], it.reference.mass)[:, 0]
+    pairs = it.new_truths[0].join(it.truths[0])
+    nearest = np.linalg.norm(it.unseen.vertices[:, None] - it.unseen.vertices[pairs.vertices_i], axis=2).argmin(axis=1)
+    shown = {
+        "a function f on the reference": (it.reference.mesh, bump),
+        "f in 50 eigenfunctions": (it.reference.mesh, it.reference.evecs[:, :50] @ coefficients),
+        "f after the points' map T": (_posed(), bump[pairs.vertices_0[nearest]]),
+        "C times the 50 coefficients": (_posed(), it.unseen.evecs[:, :50] @ _known() @ coefficients),
+    }
+    _, axes = plt.subplots(1, len(shown), figsize=(9.6, 2.2), layout="constrained")
+    for ax, (title, (mesh, values)) in zip(axes, shown.items(), strict=True):
+        plot_function(mesh, values, ax=ax, limits=(0, 1), cmap="viridis").set_title(title, fontsize=10)
 
 
 def matrices():
     """Draw the known map of a shape that was not trained on, the map without weights, and the learned one."""
     it = trained()
-    (known,) = it.learned.ground_truth_maps(it.new, it.new_truths)
-    maps = {
-        "known": known,
-        "without weights": it.naive.functional_maps(it.new)[0],
-        "learned": it.learned.functional_maps(it.new)[0],
-    }
-    figure, axes = plt.subplots(1, 3, figsize=(10, 3.6), layout="constrained", sharey=True)
+    maps = {"known": _known(), "without weights": it.naive.functional_maps(it.new)[0]}
+    maps["learned"] = it.learned.functional_maps(it.new)[0]
+    figure, axes = plt.subplots(1, 3, figsize=(9, 3.3), layout="constrained", sharey=True)
     for ax, (title, C) in zip(axes, maps.items(), strict=True):
-        image = ax.imshow(C[:30, :30], cmap="coolwarm", vmin=-1, vmax=1)
-        ax.set(title=title, xlabel="function on the reference")
+        image = ax.imshow(C[:30, :30], cmap="RdBu_r", vmin=-1, vmax=1)
+        off = "" if C is _known() else f": off by {np.linalg.norm(C - _known()):.1f}"
+        ax.set(title=title + off, xlabel="function on the reference")
     axes[0].set_ylabel("function on the shape")
     figure.colorbar(image, ax=axes, shrink=0.8)
+
+
+def directions():
+    """Draw the two maps between a shape and the reference, and which way they run."""
+    it = trained()
+    (match,) = it.learned.match(it.new)
+    height = it.reference.vertices[:, 2]
+    _, axes = plt.subplots(1, 2, figsize=(8, 3))
+    plot_function(it.reference.mesh, height, ax=axes[0]).set_title("reference $S_0$, a function f")
+    plot_function(_posed(), height[match.p2p], ax=axes[1]).set_title(r"shape $S_i$, the function $f \circ T$")
+    axes[0].figure.subplots_adjust(left=0.01, right=0.99, wspace=0.45, top=0.86, bottom=0.06)
+    arrow = {"xycoords": "figure fraction", "arrowprops": {"arrowstyle": "-|>", "lw": 1.8}}
+    axes[0].annotate("", xy=(0.6, 0.6), xytext=(0.41, 0.6), **arrow)
+    axes[0].annotate("", xy=(0.41, 0.36), xytext=(0.6, 0.36), **arrow)
+    axes[0].figure.text(0.505, 0.65, "functional_map C\ntakes functions", ha="center")
+    axes[0].figure.text(0.505, 0.18, "p2p T\nsends points", ha="center")
+
+
+INFORMATIVE, MISLEADING = "gaussian_curvature[t=0.01]", "log_gaussian_curvature[t=0.1]"
+
+
+def probes():
+    """Draw a probe that the known map respects, and one that it respects less."""
+    it = trained()
+    names = list(it.shapes[0].probe_names)
+    of_reference, of_new = (shape.probes[:50].copy() for shape in (it.shapes[0], it.new[0]))
+    of_reference[0] = of_new[0] = 0
+    of_reference, of_new = (one / np.linalg.norm(one, axis=0) for one in (of_reference, of_new))
+    expected = _known() @ of_reference
+    misses = np.linalg.norm(expected - of_new, axis=0)
+    figure, axes = plt.subplots(2, 3, figsize=(7.2, 4), layout="constrained")
+    for name, row in zip((INFORMATIVE, MISLEADING), axes, strict=True):
+        j = names.index(name)
+        shown = {
+            "on the reference": (it.reference, it.reference.mesh, of_reference),
+            "on the new shape": (it.unseen, _posed(), of_new),
+            "as the known map expects it": (it.unseen, _posed(), expected),
+        }
+        functions = [basis.evecs[:, :50] @ coefficients[:, j] for basis, _, coefficients in shown.values()]
+        largest = np.quantile(np.abs(np.concatenate(functions)), 0.98)
+        for ax, title, (_, mesh, _), values in zip(row, shown, shown.values(), functions, strict=True):
+            plot_function(mesh, values, ax=ax, limits=(-largest, largest))
+            if name == INFORMATIVE:
+                ax.set_title(title, fontsize=10)
+        label = f"{name.split('[')[0].replace('_', ' ')}\ndisagreement {misses[j]:.2f}"
+        row[0].text(-0.04, 0.5, label, transform=row[0].transAxes, rotation=90, ha="right", va="center", fontsize=8)
+    return figure
+
+
+def weights():
+    """Draw the learned weights."""
+    _, ax = plt.subplots(figsize=(8, 3.4), layout="constrained")
+    WeightsDisplay.from_estimator(trained().learned, ax=ax, linestyle="none")
 
 
 def singular_values():
@@ -98,34 +179,56 @@ def singular_values():
 
 
 def stable_functions():
-    """Draw three of the most stable functions on the reference and on the shape, and the least stable one."""
-    it = trained()
-    shown = [1, 2, 3, 49]
+    """Draw three of the most stable functions and the two least stable, and what becomes of them on the shape."""
+    it, shown = trained(), [1, 2, 3, 48, 49]
     Y = it.learned.stable_basis_[:, shown]
     (X,) = it.learned.functional_maps(it.new)
-    functions = [(it.reference.evecs[:, :50] @ Y).T, (it.unseen.evecs[:, :50] @ X @ Y).T]
-    captions = [f"number {j + 1}" for j in shown]
-    for shape, columns in zip((it.reference, it.unseen), functions, strict=True):
-        plot_functions(
-            [shape.mesh] * 4,
-            list(columns),
-            captions=captions,
-            limits=(-4, 4),
-            labels=["reference" if shape is it.reference else "carried by X(D)"],
-        )
-        captions = [""] * 4
+    rows = [
+        (it.reference.mesh, it.reference.evecs[:, :50] @ Y),
+        (_posed(), it.unseen.evecs[:, :50] @ X @ Y),
+        (_posed(), it.unseen.evecs[:, :50] @ _known() @ Y),
+    ]
+    _grid(rows, [f"$y_{{{j}}}$" for j in shown], ["reference", "learned map", "known map"])
 
 
 def matched():
-    """Draw a match, its expected error, and its true error."""
+    """Draw a match: the colours of the reference, carried to the shape that was not trained on."""
     it = trained()
-    plot_matches(
-        it.learned.match(it.new),
-        [it.unseen.mesh],
-        it.reference.mesh,
-        errors=it.learned.pair_errors(it.new, it.new_truths),
-        show=["match", "expected error", "confidence"],
+    plot_matches(it.learned.match(it.new), [it.unseen.mesh], it.reference.mesh, show=["match"])
+
+
+def trusted():
+    """Draw the expected and the true error of the shape that was not trained on; grey where no truth is known."""
+    it = trained()
+    (match,), (errors,) = it.learned.match(it.new), it.learned.pair_errors(it.new, it.new_truths)
+    true = np.full(len(match.p2p), np.nan)
+    true[errors.vertices] = errors.direct
+    plot_functions(
+        [_posed(), _posed()],
+        [match.expected_error, true],
+        captions=["expected error", "true error"],
+        labels=["error / sqrt(area)"],
+        limits=(0, 0.08),
+        cmap="magma_r",
     )
+
+
+def sides():
+    """Draw which side of the reference the points of a shape are sent to, without and with oriented probes."""
+    it = trained()
+    paper = DescriptorTransformer("paper").transform([shape.spectral for shape in it.shapes])
+    symmetric = WeightedFunctionalMapLearner().fit(paper[:8], it.truths[:8])
+    side = np.tanh(it.reference.vertices[:, 0] / 0.05)
+    meshes, functions, captions = [it.reference.mesh], [side], ["reference"]
+    for learner, new, name in (
+        (symmetric, paper[8:], "the paper's probes"),
+        (it.learned, it.new, "with oriented probes"),
+    ):
+        (errors,) = learner.pair_errors(new, it.new_truths)
+        meshes.append(_posed())
+        functions.append(side[learner.point_maps(new)[0]])
+        captions.append(f"{name}\n" + ", ".join(f"{errors.mean(kind):.3f}" for kind in ERROR_KINDS))
+    plot_functions(meshes, functions, captions=captions, labels=["side"])
 
 
 def reliability():
@@ -136,10 +239,8 @@ def reliability():
 
 def layers():
     """Draw the layers that import-linter holds, read from its contract, and how data flows through them."""
-    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
-    contract = next(one for one in project["tool"]["importlinter"]["contracts"] if one["type"] == "layers")
-    rows = [[name.strip() for name in layer.split("|")] for layer in contract["layers"]]
-    _, ax = plt.subplots(figsize=(10, 0.62 * len(rows) + 0.3), layout="constrained")
+    rows = read_layers()
+    _, ax = plt.subplots(figsize=(8, 0.46 * len(rows) + 0.3), layout="constrained")
     for height, names in enumerate(reversed(rows)):
         width = 10 / len(names)
         for place, name in enumerate(names):
@@ -154,14 +255,14 @@ def layers():
                 linewidth=0.8,
             )
             ax.add_patch(box)
-            text = name if len(names) > 3 else f"{name}: {_summary(name)}"
+            text = name if len(names) > 1 else f"{name}: {_summary(name)}"
             ax.text(
                 (place + 0.5) * width,
                 height + 0.48,
                 text,
                 ha="center",
                 va="center",
-                fontsize=8 if len(names) > 1 else 9,
+                fontsize=9 if len(names) == 1 else 8 if len(names) < 6 else 7,
             )
     ax.set(xlim=(0, 10), ylim=(0, len(rows)))
     ax.set_axis_off()
@@ -172,10 +273,8 @@ _FLOW = ("io", "basis", "descriptors", "learner", "shapes")
 
 
 def _summary(name, most=58):
-    """Return the beginning of the first line of a module's docstring."""
-    path = ROOT / "skfmap" / name
-    source = path / "__init__.py" if path.is_dir() else path.with_suffix(".py")
-    line = ast.get_docstring(ast.parse(source.read_text(encoding="utf-8"))).split("\n")[0].rstrip(".")
+    """Return the beginning of a module's own description."""
+    line = modules_of(name)[0][1].rstrip(".")
     for stop in (":", ";", ",", " of ", " that "):
         if len(line) > most:
             line = line.split(stop)[0]
@@ -187,14 +286,14 @@ def flow():
     steps = ["meshes", "SpectralBasis", "DescriptorTransformer", "WeightedFunctionalMapLearner"]
     above = ["", "eigenfunctions", "probe functions G", "fit: weights D, stable basis Y"]
     below = ["", "eigenfunctions", "probe functions G", "predict, match: X(D) Y, points, errors"]
-    _, ax = plt.subplots(figsize=(10, 2.6), layout="constrained")
+    _, ax = plt.subplots(figsize=(8.5, 2.4), layout="constrained")
     for row, (who, texts) in enumerate((("new shape", below), ("collection with\ncorrespondences", above))):
         for place, (step, text) in enumerate(zip(steps, texts, strict=True)):
-            x, y = 2.6 * place, 1.4 * row
+            x, y = 2.55 * place, 1.4 * row
             ax.add_patch(
                 FancyBboxPatch(
                     (x, y),
-                    2.15,
+                    2.3,
                     0.9,
                     boxstyle="round,pad=0,rounding_size=0.1",
                     facecolor="#d6e6f2" if row else "#fbe6d4",
@@ -202,11 +301,9 @@ def flow():
                     linewidth=0.8,
                 )
             )
-            ax.text(
-                x + 1.07, y + 0.45, who if place == 0 else f"{step}\n{text}", ha="center", va="center", fontsize=7.5
-            )
+            ax.text(x + 1.15, y + 0.45, who if place == 0 else f"{step}\n{text}", ha="center", va="center", fontsize=7)
             if place:
-                ax.annotate("", (x, y + 0.45), (x - 0.45, y + 0.45), arrowprops={"arrowstyle": "->", "color": "0.4"})
+                ax.annotate("", (x, y + 0.45), (x - 0.25, y + 0.45), arrowprops={"arrowstyle": "->", "color": "0.4"})
     ax.annotate("", (8.9, 0.9), (8.9, 1.4), arrowprops={"arrowstyle": "->", "color": "0.4"})
     ax.text(9.0, 1.15, "D, Y", fontsize=8, va="center")
     ax.set(xlim=(-0.05, 10), ylim=(-0.05, 2.35))

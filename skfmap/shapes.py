@@ -256,9 +256,9 @@ class Correspondence:
 
     See Also
     --------
-    from_vertices : From the template point of each vertex.
-    from_template : From the vertex of each template point, which is what ``.vts`` files hold.
-    from_matrix : From a sparse, soft or barycentric matrix.
+    Correspondence.from_vertices : From the template point of each vertex.
+    Correspondence.from_template : From the vertex of each template point, which is what ``.vts`` files hold.
+    Correspondence.from_matrix : From a sparse, soft or barycentric matrix.
 
     Examples
     --------

@@ -92,12 +92,43 @@ _ELSEWHERE = {
 }
 
 
+def _listed():
+    text = (ROOT / "docs" / "api.rst").read_text(encoding="utf-8")
+    return re.findall(r"^   ([A-Za-z_.]+)$", text, re.MULTILINE)
+
+
 def test_every_public_name_is_in_the_api():
-    listed = set(
-        re.findall(r"^   ([A-Za-z_.]+)$", (ROOT / "docs" / "api.rst").read_text(encoding="utf-8"), re.MULTILINE)
-    )
-    missing = _public() - listed - _ELSEWHERE
+    missing = _public() - set(_listed()) - _ELSEWHERE
     assert not missing, sorted(missing)
-    for name in listed:
-        holder, _, attribute = f"skfmap.{name}".rpartition(".")
-        assert hasattr(importlib.import_module(holder), attribute), name
+
+
+@pytest.mark.parametrize("name", _listed() if (ROOT / "docs").is_dir() else [])
+def test_every_name_in_the_api_is_public(name):
+    holder, _, attribute = f"skfmap.{name}".rpartition(".")
+    assert attribute in importlib.import_module(holder).__all__
+    assert _listed().count(name) == 1
+
+
+def test_files_that_the_architecture_page_names_are_there():
+    page = (ROOT / "docs" / "architecture.rst").read_text(encoding="utf-8")
+    named = re.findall(r"``([\w/]+\.py)``", page)
+    assert len(named) > 5
+    for name in named:
+        assert (ROOT / "skfmap" / name).is_file(), name
+
+
+def test_every_module_has_its_line_on_the_architecture_page(monkeypatch):
+    pytest.importorskip("sphinx")
+    monkeypatch.syspath_prepend(str(ROOT / "docs"))
+    layers = importlib.import_module("layers")
+    described = {name for layer in layers.read_layers() for top in layer for name, _ in layers.modules_of(top)}
+    files = (path.relative_to(ROOT / "skfmap").with_suffix("") for path in (ROOT / "skfmap").rglob("*.py"))
+    modules = {".".join(part for part in path.parts if part != "__init__") for path in files} - {""}
+    assert described == modules
+
+
+def test_files_that_the_readme_names_are_there():
+    text = (ROOT / "README.md").read_text(encoding="utf-8")
+    named = re.findall(r"\]\(([^)#]+)\)", text) + re.findall(r"`((?:docs|examples|tests)/[\w./]*)`", text)
+    for path in named:
+        assert path.startswith("http") or (ROOT / path).exists(), path
