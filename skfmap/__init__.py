@@ -3,6 +3,7 @@
 from skfmap._version import __version__
 from skfmap.basis import SpectralBasis
 from skfmap.descriptors import DescriptorTransformer
+from skfmap.health import check_mesh, repair_mesh
 from skfmap.learner import WeightedFunctionalMapLearner, functional_maps, match
 from skfmap.shapes import Correspondence, Match, Mesh, ProbedShape, SpectralShape
 
@@ -16,6 +17,8 @@ __all__ = [
     "SpectralShape",
     "WeightedFunctionalMapLearner",
     "__version__",
+    "check_mesh",
     "functional_maps",
     "match",
+    "repair_mesh",
 ]

@@ -2,6 +2,7 @@
 
 import warnings
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any, Self
 
 import numpy as np
@@ -9,11 +10,12 @@ from sklearn.base import BaseEstimator
 
 from skfmap._caching import cached
 from skfmap._parallel import map_shapes
+from skfmap._skipped import warn_of_skipped
 from skfmap._stateless import StatelessShapeTransformer
 from skfmap._typing import FloatArray, SparseMatrix
 from skfmap._validation import check_choice, check_number, label
 from skfmap._version import Versioned
-from skfmap.exceptions import MeshError, OrientationWarning
+from skfmap.exceptions import MeshError, OrientationWarning, RepairWarning
 from skfmap.functional.eigenbasis import laplacian_eigenbasis
 from skfmap.geometry.faults import (
     count_components,
@@ -24,8 +26,9 @@ from skfmap.geometry.faults import (
 )
 from skfmap.geometry.laplacian import LAPLACIANS
 from skfmap.geometry.orientation import orient_faces
-from skfmap.io import as_meshes
-from skfmap.shapes import Mesh, SpectralShape
+from skfmap.health import Repair, repair_mesh
+from skfmap.io import as_mesh, as_meshes, check_meshes, n_vertices_of, named
+from skfmap.shapes import Mesh, SkippedShape, SpectralShape
 
 __all__ = ["SpectralBasis"]
 
@@ -43,6 +46,11 @@ class SpectralBasis(Versioned, StatelessShapeTransformer, BaseEstimator):
     laplacian : {"cotangent", "robust"}, default="cotangent"
         ``"cotangent"``: libigl's cotangent stiffness and barycentric lumped mass matrix. ``"robust"``: the tufted
         intrinsic Delaunay Laplacian, for non-manifold and badly shaped meshes.
+    on_invalid : {"raise", "repair", "skip"}, default="raise"
+        What to do with a mesh that cannot be used. ``"repair"`` mends it as `skfmap.repair_mesh` does, with a warning
+        that says what was done; matches are given back in the numbers that the mesh came with, -1 where a vertex was
+        removed. A mesh that cannot be mended raises. ``"skip"`` puts a `skfmap.shapes.SkippedShape` in its place, with
+        a warning: the learner leaves it out, and answers NaN and -1.
     memory : str or joblib.Memory, optional
         Where results are cached, by mesh content and parameters.
     n_jobs : int, optional
@@ -76,12 +84,14 @@ class SpectralBasis(Versioned, StatelessShapeTransformer, BaseEstimator):
         n_components: int = 120,
         *,
         laplacian: str = "cotangent",
+        on_invalid: str = "raise",
         memory: Any = None,
         n_jobs: int | None = None,
         verbose: int = 0,
     ) -> None:
         self.n_components = n_components
         self.laplacian = laplacian
+        self.on_invalid = on_invalid
         self.memory = memory
         self.n_jobs = n_jobs
         self.verbose = verbose
@@ -102,7 +112,10 @@ class SpectralBasis(Versioned, StatelessShapeTransformer, BaseEstimator):
             Itself.
         """
         self._check_parameters()
-        as_meshes(X)
+        if self.on_invalid == "raise":
+            as_meshes(X)
+        else:
+            check_meshes(X)
         return self
 
     def transform(self, X: Sequence[Any]) -> list[SpectralShape]:
@@ -116,13 +129,15 @@ class SpectralBasis(Versioned, StatelessShapeTransformer, BaseEstimator):
         Returns
         -------
         list of SpectralShape
-            In the order of ``X``.
+            In the order of ``X``; with ``on_invalid="skip"``, a `skfmap.shapes.SkippedShape` where a mesh cannot be
+            used.
 
         Raises
         ------
         MeshError
-            If a mesh has unreferenced vertices, several components, degenerate or non-manifold parts that the chosen
-            Laplacian cannot deal with, or too few vertices; the message names the shape and the remedy.
+            Unless ``on_invalid`` says otherwise: if a mesh has unreferenced vertices, several components, degenerate or
+            non-manifold parts that the chosen Laplacian cannot deal with, or too few vertices; the message names the
+            shape and the remedy.
         TypeError
             If ``X`` is one mesh rather than a sequence of meshes.
 
@@ -130,25 +145,33 @@ class SpectralBasis(Versioned, StatelessShapeTransformer, BaseEstimator):
         -----
         OrientationWarning
             If it cannot be told which side of a mesh is its outside.
+        RepairWarning, SkippedShapeWarning
+            If meshes were mended, or left out, as ``on_invalid`` says.
         """
         self._check_parameters()
-        meshes = as_meshes(X)
-        shapes = map_shapes(
-            _spectral_shape,
-            ((mesh, self.laplacian, self.n_components, self.memory) for mesh in meshes),
+        meshes = as_meshes(X) if self.on_invalid == "raise" else check_meshes(X)
+        made = map_shapes(
+            _OUTCOMES[self.on_invalid],
+            ((mesh, i, self.laplacian, self.n_components, self.memory) for i, mesh in enumerate(meshes)),
             n_jobs=self.n_jobs,
             verbose=self.verbose,
         )
+        shapes = [shape for shape, _ in made]
+        _warn_of_repairs(made)
+        warn_of_skipped(shapes)
         _warn_of_unknown_sides(shapes)
         return shapes
 
     def _check_parameters(self) -> None:
+        check_choice(self.on_invalid, "on_invalid", _OUTCOMES)
         check_number(self.n_components, "n_components", low=2, integer=True)
         check_choice(self.laplacian, "laplacian", LAPLACIANS)
 
 
-def _warn_of_unknown_sides(shapes: Sequence[SpectralShape]) -> None:
-    unknown = [(i, shape.name) for i, shape in enumerate(shapes) if not shape.outward]
+def _warn_of_unknown_sides(shapes: Sequence[SpectralShape | SkippedShape]) -> None:
+    unknown = [
+        (i, shape.name) for i, shape in enumerate(shapes) if not isinstance(shape, SkippedShape) and not shape.outward
+    ]
     names = [f"X[{i}]" if name is None else repr(name) for i, name in unknown]
     if names:
         warnings.warn(
@@ -158,6 +181,51 @@ def _warn_of_unknown_sides(shapes: Sequence[SpectralShape]) -> None:
             OrientationWarning,
             stacklevel=3,
         )
+
+
+def _warn_of_repairs(made: Sequence[tuple[Any, str]]) -> None:
+    told = [f"{label(shape.name, 'shape')}: {done}" for shape, done in made if done]
+    if told:
+        warnings.warn(f"Meshes were mended. {'; '.join(told)}.", RepairWarning, stacklevel=3)
+
+
+def _or_raise(item: Any, i: int, *how: Any) -> tuple[SpectralShape, str]:
+    return _spectral_shape(as_mesh(item, i), *how), ""
+
+
+def _or_skip(item: Any, i: int, *how: Any) -> tuple[SpectralShape | SkippedShape, str]:
+    """Return the shape, or its place if the mesh cannot be read or used."""
+    mesh = None
+    try:
+        mesh = as_mesh(item, i)
+        return _spectral_shape(mesh, *how), ""
+    except (MeshError, OSError) as error:
+        name, n_vertices = (named(item, i), n_vertices_of(item)) if mesh is None else (mesh.name, mesh.n_vertices)
+        return SkippedShape(name, str(error), n_vertices), ""
+
+
+def _or_repair(item: Any, i: int, *how: Any) -> tuple[SpectralShape, str]:
+    """Return the shape, of the mended mesh if the mesh cannot be used as it is."""
+    try:
+        return _or_raise(item, i, *how)
+    except MeshError as error:
+        repair = _repaired(item, error)
+    mesh = Mesh(repair.mesh.vertices, repair.mesh.faces, named(item, i))
+    shape = _spectral_shape(mesh, *how)
+    return replace(shape, vertex_map=repair.vertex_map if repair.renumbered else None), ", ".join(repair.done)
+
+
+def _repaired(item: Any, fault: MeshError) -> Repair:
+    try:
+        repair = repair_mesh(item)
+    except MeshError as hopeless:
+        raise MeshError(f"{fault} It cannot be mended either: {hopeless}") from fault
+    if not repair.done:
+        raise fault
+    return repair
+
+
+_OUTCOMES = {"raise": _or_raise, "repair": _or_repair, "skip": _or_skip}
 
 
 def _spectral_shape(mesh: Mesh, laplacian: str, n_components: int, memory: Any) -> SpectralShape:

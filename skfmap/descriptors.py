@@ -11,6 +11,7 @@ from sklearn.utils.metaestimators import _BaseComposition
 
 from skfmap._caching import cached, code_of
 from skfmap._parallel import map_shapes
+from skfmap._skipped import sort_out, spread, warn_of_skipped
 from skfmap._stateless import StatelessShapeTransformer
 from skfmap._typing import FloatArray
 from skfmap._validation import check_choice, check_number, check_samples, label
@@ -21,7 +22,7 @@ from skfmap.functional.signatures import heat_kernel_signature, wave_kernel_sign
 from skfmap.geometry.curvature import clip_by_area, gaussian_curvature, log_magnitude, mean_curvature
 from skfmap.geometry.oriented import integrated_oriented_products
 from skfmap.geometry.saliency import mesh_saliency
-from skfmap.shapes import ProbedShape, SpectralShape
+from skfmap.shapes import ProbedShape, SkippedShape, SpectralShape
 
 __all__ = [
     "DescriptorTransformer",
@@ -404,6 +405,9 @@ class DescriptorTransformer(Versioned, StatelessShapeTransformer, _BaseCompositi
         Named families, as in FeatureUnion; parameters are reachable as ``name__parameter``. None is
         `default_families` (the paper's nine and the oriented one: 105 functions), ``"paper"`` the paper's nine alone
         (50 functions), ``"paper-310"`` the 310 of section 5.3.
+    on_invalid : {"raise", "skip"}, default="raise"
+        What to do with a shape that a family cannot deal with, such as oriented probes with a surface that has no
+        outside. ``"skip"`` puts a `skfmap.shapes.SkippedShape` in its place, with a warning.
     memory : str or joblib.Memory, optional
         Where results are cached, by mesh content and parameters.
     n_jobs : int, optional
@@ -436,11 +440,13 @@ class DescriptorTransformer(Versioned, StatelessShapeTransformer, _BaseCompositi
         self,
         families: list[tuple[str, ProbeFamily]] | str | None = None,
         *,
+        on_invalid: str = "raise",
         memory: Any = None,
         n_jobs: int | None = None,
         verbose: int = 0,
     ) -> None:
         self.families = families
+        self.on_invalid = on_invalid
         self.memory = memory
         self.n_jobs = n_jobs
         self.verbose = verbose
@@ -483,17 +489,22 @@ class DescriptorTransformer(Versioned, StatelessShapeTransformer, _BaseCompositi
             If oriented probes are asked for on a surface that has no consistent winding.
         """
         families = self._checked_families()
-        shapes = _check_spectral(X)
+        given = sort_out(_check_spectral(X))
         names, categories = tuple(self.get_feature_names_out()), tuple(self.probe_categories_)
         arrays = map_shapes(
-            _coefficients,
-            ((shape, [family for _, family in families], self.memory) for shape in shapes),
+            _coefficients if self.on_invalid == "raise" else _coefficients_or_skip,
+            ((shape, [family for _, family in families], self.memory) for shape in given.shapes),
             n_jobs=self.n_jobs,
             verbose=self.verbose,
         )
-        recipes = [_recipe(shape, families) for shape in shapes]
-        triples = zip(shapes, arrays, recipes, strict=True)
-        return [ProbedShape(shape, probes, names, categories, recipe) for shape, probes, recipe in triples]
+        probed = [
+            array
+            if isinstance(array, SkippedShape)
+            else ProbedShape(shape, array, names, categories, _recipe(shape, families))
+            for shape, array in zip(given.shapes, arrays, strict=True)
+        ]
+        warn_of_skipped(probed)
+        return spread(probed, given, lambda skipped: skipped)
 
     def get_feature_names_out(self, input_features: object = None) -> Any:  # noqa: ARG002
         """Return the names of the probe functions, ``family[label]``; an object array of shape (n_probes,)."""
@@ -538,6 +549,7 @@ class DescriptorTransformer(Versioned, StatelessShapeTransformer, _BaseCompositi
         return self.families if _are_pairs(self.families) else []
 
     def _checked_families(self) -> list[tuple[str, ProbeFamily]]:
+        check_choice(self.on_invalid, "on_invalid", ("raise", "skip"))
         if isinstance(self.families, str) and self.families not in _SHORTHANDS:
             raise ValueError(f"families must be None, a list, or one of {sorted(_SHORTHANDS)}; got {self.families!r}.")
         if not (self.families is None or isinstance(self.families, str) or _are_pairs(self.families)):
@@ -590,6 +602,14 @@ def _coefficients(shape: SpectralShape, families: list[ProbeFamily], memory: Any
     return np.asarray(compute(shape, shape.mesh.content_hash, families, shape.n_components, shape.laplacian, codes))
 
 
+def _coefficients_or_skip(shape: SpectralShape, *how: Any) -> FloatArray | SkippedShape:
+    try:
+        return _coefficients(shape, *how)
+    except MeshError as error:
+        n_given = shape.mesh.n_vertices if shape.vertex_map is None else len(shape.vertex_map)
+        return SkippedShape(shape.name, str(error), n_given)
+
+
 def _stacked(shape: SpectralShape, content_hash: str, families: list[ProbeFamily], *key: object) -> FloatArray:  # noqa: ARG001
     return np.column_stack([family.coefficients(shape) for family in families])
 
@@ -599,7 +619,7 @@ def _check_spectral(X: object) -> Sequence[SpectralShape]:
         raise TypeError("X must be a sequence of spectral shapes, but it is one; wrap it in a list: [X].")
     shapes = check_samples(X, "spectral shapes")
     for i, shape in enumerate(shapes):
-        if not isinstance(shape, SpectralShape):
+        if not isinstance(shape, (SpectralShape, SkippedShape)):
             raise TypeError(
                 f"X[{i}] is a {type(shape).__name__}, not a SpectralShape; put SpectralBasis before this step."
             )

@@ -1,6 +1,14 @@
 """Errors and warnings that skfmap raises; each message names the shape, the fault and the remedy."""
 
-__all__ = ["CorrespondenceError", "CoverageWarning", "MeshError", "OrientationWarning", "VersionWarning"]
+__all__ = [
+    "CorrespondenceError",
+    "CoverageWarning",
+    "MeshError",
+    "OrientationWarning",
+    "RepairWarning",
+    "SkippedShapeWarning",
+    "VersionWarning",
+]
 
 
 class MeshError(ValueError):
@@ -21,3 +29,11 @@ class VersionWarning(UserWarning):
 
 class OrientationWarning(UserWarning):
     """It cannot be told which side of a mesh is its outside."""
+
+
+class RepairWarning(UserWarning):
+    """Meshes were mended before they were used."""
+
+
+class SkippedShapeWarning(UserWarning):
+    """Shapes were left out because they cannot be used; they keep their places."""

@@ -18,7 +18,7 @@ from skfmap.functional.residuals import residual_covariance
 from skfmap.geometry.geodesics import areas_of_landmarks
 from skfmap.shapes import Correspondence, JoinedPairs, Mesh, ProbedShape
 
-__all__ = ["KnownMap", "ground_truth_maps", "join_with_reference", "known_maps"]
+__all__ = ["KnownMap", "check_landmarks", "ground_truth_maps", "join_with_reference", "known_maps"]
 
 
 def join_with_reference(
@@ -139,14 +139,19 @@ def known_maps(
     return known
 
 
-def _known_map(shape: ProbedShape, reference: ProbedShape, join: JoinedPairs, k: int, memory: Any) -> KnownMap:
-    landmarks = np.unique(join.vertices_i)
-    n_distinct = min(len(landmarks), len(np.unique(join.vertices_0)), len(np.unique(join.points)))
+def check_landmarks(shape: ProbedShape, reference: ProbedShape, join: JoinedPairs, k: int) -> int:
+    """Return how many distinct landmarks a shape and the reference share; fewer than k are an error."""
+    n_distinct = min(len(np.unique(part)) for part in (join.vertices_i, join.vertices_0, join.points))
     if n_distinct < k:
         raise CorrespondenceError(
             f"{label(shape.name, 'shape')} and {reference.name!r} share {n_distinct} distinct landmarks, too few for "
             f"n_functions={k}; give more pairs, or lower n_functions to well below {n_distinct}."
         )
+    return n_distinct
+
+
+def _known_map(shape: ProbedShape, reference: ProbedShape, join: JoinedPairs, k: int, memory: Any) -> KnownMap:
+    n_distinct = check_landmarks(shape, reference, join, k)
     spectral, spectral_0 = shape.spectral, reference.spectral
     n_components = min(spectral.n_components, spectral_0.n_components)
     pairs = _Pairs(

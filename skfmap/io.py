@@ -12,9 +12,18 @@ import numpy as np
 from skfmap._typing import FloatArray, IntArray
 from skfmap._validation import check_samples
 from skfmap.exceptions import MeshError
-from skfmap.shapes import Mesh
+from skfmap.shapes import Mesh, SkippedShape
 
-__all__ = ["MESH_SUFFIXES", "as_mesh", "as_meshes", "read_mesh", "write_mesh"]
+__all__ = [
+    "MESH_SUFFIXES",
+    "as_mesh",
+    "as_meshes",
+    "check_meshes",
+    "n_vertices_of",
+    "named",
+    "read_mesh",
+    "write_mesh",
+]
 
 MESH_SUFFIXES = (".off", ".obj", ".ply", ".stl")
 
@@ -87,6 +96,8 @@ def as_mesh(item: Any, position: int | None = None) -> Mesh:
         return item
     if isinstance(item, (str, Path)):
         return read_mesh(item)
+    if isinstance(item, SkippedShape):
+        raise MeshError(item.reason)
     name = None if position is None else f"shape {position}"
     if _is_trimesh(item):
         return Mesh(item.vertices, item.faces, name=item.metadata.get("name") or name)
@@ -101,11 +112,34 @@ def as_mesh(item: Any, position: int | None = None) -> Mesh:
 
 def as_meshes(X: Any) -> list[Mesh]:
     """Return the meshes of ``X``; one bare mesh, (vertices, faces) pair or path is a TypeError."""
+    return [as_mesh(item, i) for i, item in enumerate(check_meshes(X))]
+
+
+def check_meshes(X: Any) -> list[Any]:
+    """Return the items of ``X``, whatever they are; one bare mesh, (vertices, faces) pair or path is a TypeError."""
     if isinstance(X, (Mesh, str, Path)) or _is_trimesh(X) or _is_bare_pair(X):
         raise TypeError(
             f"X must be a sequence of meshes, but it is one mesh ({type(X).__name__}); wrap it in a list: [X]."
         )
-    return [as_mesh(item, i) for i, item in enumerate(check_samples(X, "meshes"))]
+    return list(check_samples(X, "meshes"))
+
+
+def named(item: Any, position: int) -> str | None:
+    """Return the name that `as_mesh` gives, without looking at the mesh."""
+    if isinstance(item, (str, Path)):
+        return Path(item).stem
+    if isinstance(item, (Mesh, SkippedShape)):
+        return item.name
+    name = item.metadata.get("name") if _is_trimesh(item) else None
+    return name or f"shape {position}"
+
+
+def n_vertices_of(item: Any) -> int:
+    """Return how many vertices something has that is no sound mesh; 0 where that cannot be told."""
+    if isinstance(item, SkippedShape):
+        return item.n_vertices
+    vertices = item[0] if isinstance(item, (tuple, list)) else getattr(item, "vertices", ())
+    return len(vertices) if hasattr(vertices, "__len__") else 0
 
 
 def _is_trimesh(item: Any) -> bool:

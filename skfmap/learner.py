@@ -2,6 +2,7 @@
 
 import warnings
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from typing import Any, Self
 
 import numpy as np
@@ -20,17 +21,28 @@ from skfmap._matching import MATCHINGS, REFINEMENTS, UNREFINED, Matcher, Setting
 from skfmap._medoid import medoid_index
 from skfmap._new_shapes import INTERPOLATIONS, match_shape, point_map
 from skfmap._parallel import map_shapes, single_threaded, tell
+from skfmap._skipped import (
+    Sorted,
+    as_given,
+    expand,
+    given_numbers,
+    no_match,
+    sort_out,
+    spread,
+    warn_of_skipped,
+)
 from skfmap._training import Training, learning_arrays, matcher_from
 from skfmap._typing import FloatArray, IntArray
 from skfmap._unwrap import learner_and_shapes
 from skfmap._validation import check_choice, check_number, label
 from skfmap._version import Versioned
+from skfmap.exceptions import CorrespondenceError, MeshError
 from skfmap.functional.learning import LearnedMaps, learn_functional_maps
 from skfmap.functional.regularization import LEARNED, REGULARIZERS
 from skfmap.functional.weighting import WEIGHTINGS
-from skfmap.ground_truth import ground_truth_maps, join_with_reference, known_maps
-from skfmap.metrics import PairErrors, pair_errors, reference_distances
-from skfmap.shapes import Correspondence, Match, ProbedShape
+from skfmap.ground_truth import check_landmarks, join_with_reference, known_maps
+from skfmap.metrics import PairErrors, mean_over_shapes, pair_errors, reference_distances
+from skfmap.shapes import Correspondence, Match, ProbedShape, SkippedShape
 
 __all__ = ["WeightedFunctionalMapLearner", "functional_maps", "match"]
 
@@ -87,6 +99,10 @@ class WeightedFunctionalMapLearner(CallbackSupportMixin, Versioned, BaseEstimato
     reference : str, default="first"
         ``"first"``: the first training shape. ``"medoid"``: the training shape whose geodesic distances differ least
         from all others'. Else the name of a training shape.
+    on_invalid : {"raise", "skip"}, default="raise"
+        What to do with a training shape whose correspondence cannot be used: out of range, empty, without a point of
+        the reference, or with too few points. ``"skip"`` leaves it out with a warning; the reference's always raises.
+        Shapes that the steps before skipped are left out in any case.
     max_iter : int, default=1000
         Most iterations of L-BFGS.
     tol : float, default=1e-4
@@ -177,6 +193,7 @@ class WeightedFunctionalMapLearner(CallbackSupportMixin, Versioned, BaseEstimato
         refine: str | None = None,
         bridge: str | None = None,
         reference: str = "first",
+        on_invalid: str = "raise",
         max_iter: int = 1000,
         tol: float = 1e-4,
         memory: Any = None,
@@ -194,6 +211,7 @@ class WeightedFunctionalMapLearner(CallbackSupportMixin, Versioned, BaseEstimato
         self.refine = refine
         self.bridge = bridge
         self.reference = reference
+        self.on_invalid = on_invalid
         self.max_iter = max_iter
         self.tol = tol
         self.memory = memory
@@ -237,14 +255,14 @@ class WeightedFunctionalMapLearner(CallbackSupportMixin, Versioned, BaseEstimato
             If the search stopped before it converged.
         """
         self._check_parameters()
-        shapes = check_shapes(X, self.n_functions)
-        truths = check_correspondences(y, shapes)
-        share = check_sample_weight(sample_weight, len(shapes))
-        if len(shapes) < 2:
-            raise ValueError(f"Give at least two shapes: the reference and one to learn from; got {len(shapes)}.")
-        index = self._reference_index(shapes, truths)
-        self._tell(f"reference: {label(shapes[index].name, 'shape')}")
-        training = self._training(index, shapes, truths, share)
+        given = check_shapes(X, self.n_functions)
+        answers = check_correspondences(y, given, skip=self.on_invalid == "skip")
+        share = check_sample_weight(sample_weight, len(given))
+        where = self._reference_index(given, answers)
+        self._tell(f"reference: {label(given[where].name, 'shape')}")
+        used = self._usable(given, answers, where)
+        shapes, truths, index = [given[i] for i in used], [answers[i] for i in used], used.index(where)
+        training = self._training(index, shapes, truths, share[used])._replace(place=where)
         if not training.share.any():
             raise ValueError("sample_weight is zero for every shape but the reference; there is nothing to learn from.")
 
@@ -278,9 +296,10 @@ class WeightedFunctionalMapLearner(CallbackSupportMixin, Versioned, BaseEstimato
         maps : ndarray of shape (n_shapes, k, k)
             Functional maps, in the order of ``X``.
         """
-        shapes = self._check_new(X)
-        arguments = ((self._matcher(), shape) for shape in shapes)
-        return np.stack(map_shapes(learned_map, arguments, n_jobs=self.n_jobs, verbose=0, prefer="threads"))
+        given, k = self._check_new(X), len(self.stable_basis_)
+        arguments = ((self._matcher(), shape) for shape in given.shapes)
+        maps = map_shapes(learned_map, arguments, n_jobs=self.n_jobs, verbose=0, prefer="threads")
+        return np.stack(spread(maps, given, lambda _: np.full((k, k), np.nan)))
 
     def ground_truth_maps(self, X: Sequence[ProbedShape], y: Sequence[Any]) -> FloatArray:
         """Return the maps C_i that known correspondences make, to compare `functional_maps` with.
@@ -300,14 +319,14 @@ class WeightedFunctionalMapLearner(CallbackSupportMixin, Versioned, BaseEstimato
         CorrespondenceError
             If a shape and the reference share fewer than k distinct landmarks.
         """
-        shapes = self._check_new(X)
-        truths = check_correspondences(y, shapes)
-        reference, k = self.reference_, len(self.stable_basis_)
+        given, k = self._check_new(X), len(self.stable_basis_)
+        answers = check_correspondences(y, X)
         joins = [
-            join_with_reference(truth, shape, self.reference_correspondence_, reference)
-            for truth, shape in zip(truths, shapes, strict=True)
+            join_with_reference(answers[i], shape, self.reference_correspondence_, self.reference_)
+            for i, shape in zip(given.places, given.shapes, strict=True)
         ]
-        return ground_truth_maps(shapes, reference, joins, k, memory=self.memory, n_jobs=self.n_jobs)
+        known = known_maps(given.shapes, self.reference_, joins, k, memory=self.memory, n_jobs=self.n_jobs)
+        return np.stack(spread([one.C for one in known], given, lambda _: np.full((k, k), np.nan)))
 
     def predict(self, X: Sequence[ProbedShape]) -> FloatArray:
         """Return the reduced maps X_i(D) Y_p of section 4.2.
@@ -351,16 +370,20 @@ class WeightedFunctionalMapLearner(CallbackSupportMixin, Versioned, BaseEstimato
             If a shape fits the reference much better as a mirror image. A mirrored body that is its own mirror image
             cannot be told from a body, and is matched by its own left and right.
         """
-        shapes = self._check_new(X)
+        given = self._check_new(X)
         check_choice(interpolate, "interpolate", INTERPOLATIONS)
         matcher = self._matcher(refine=refine)
-        warn_of_mirrored_shapes(matcher, shapes)
-        if self.bridge_ is not None:
-            near = self.bridge_.match(shapes, refine=refine, interpolate=interpolate)
-            direct = self.functional_maps(shapes)
-            return [cross(one, C, matcher, self._across) for one, C in zip(near, direct, strict=True)]
-        arguments = ((matcher, self.error_models_, shape, interpolate) for shape in shapes)
-        return list(map_shapes(match_shape, arguments, n_jobs=self.n_jobs, verbose=0, prefer="threads"))
+        warn_of_mirrored_shapes(matcher, given.shapes)
+        if self.bridge_ is not None and given.shapes:
+            matches = self.bridge_.match(given.shapes, refine=refine, interpolate=interpolate)
+            direct = self.functional_maps(given.shapes)
+            matches = [cross(one, C, matcher, self._across) for one, C in zip(matches, direct, strict=True)]
+        else:
+            arguments = ((matcher, self.error_models_, shape, interpolate) for shape in given.shapes)
+            found = map_shapes(match_shape, arguments, n_jobs=self.n_jobs, verbose=0, prefer="threads")
+            matches = [as_given(one, shape.spectral.vertex_map) for one, shape in zip(found, given.shapes, strict=True)]
+        k, p = len(self.stable_basis_), self.n_stable_
+        return spread(matches, given, lambda skipped: no_match(skipped, self.reference_, k, p))
 
     def point_maps(
         self,
@@ -388,13 +411,19 @@ class WeightedFunctionalMapLearner(CallbackSupportMixin, Versioned, BaseEstimato
         Returns
         -------
         list of ndarray of int, each of shape (n_vertices_i,)
-            Vertex of the reference for each vertex of S_i.
+            Vertex of the reference for each vertex of S_i; -1 for vertices that were removed, and for all of a shape
+            that was left out.
         """
-        shapes = self._check_new(X)
+        given = self._check_new(X)
+        p2ps = self._point_maps(given.shapes, matching=matching, n_stable=n_stable, refine=refine)
+        numbered = [expand(p2p, shape.spectral.vertex_map, -1) for p2p, shape in zip(p2ps, given.shapes, strict=True)]
+        return spread(numbered, given, lambda skipped: np.full(skipped.n_vertices, -1))
+
+    def _point_maps(self, shapes: Sequence[ProbedShape], **how: Any) -> list[IntArray]:
+        """Return point maps in the numbers of the meshes that were matched."""
         if self.bridge_ is not None:
-            near = self.bridge_.point_maps(shapes, matching=matching, n_stable=n_stable, refine=refine)
-            return [self._across.p2p[p2p] for p2p in near]
-        matcher = self._matcher(matching=matching, n_stable=n_stable, refine=refine)
+            return [self._across.p2p[p2p] for p2p in self.bridge_._point_maps(shapes, **how)]
+        matcher = self._matcher(**how)
         arguments = ((matcher, shape) for shape in shapes)
         return list(map_shapes(point_map, arguments, n_jobs=self.n_jobs, verbose=0, prefer="threads"))
 
@@ -440,10 +469,10 @@ class WeightedFunctionalMapLearner(CallbackSupportMixin, Versioned, BaseEstimato
         Returns
         -------
         list of PairErrors
-            In units of sqrt(area) of the reference.
+            In units of sqrt(area) of the reference; without pairs for a shape that was left out.
         """
-        shapes = self._check_new(X)
-        truths = check_correspondences(y, shapes)
+        given = self._check_new(X)
+        answers = check_correspondences(y, X)
         distances = reference_distances(self.reference_.spectral.mesh, method, memory=self.memory, n_jobs=self.n_jobs)
         truth_0 = self.reference_correspondence_
         if reference_y is not None:
@@ -452,8 +481,13 @@ class WeightedFunctionalMapLearner(CallbackSupportMixin, Versioned, BaseEstimato
             # The same rows for every shape and fold, so that a cache serves them all.
             self._tell("geodesic distances on the reference, once for all scores")
             distances.rows(_reference_vertices(truth_0))
-        p2ps = self.point_maps(shapes, matching=matching, n_stable=n_stable, refine=refine)
-        return [pair_errors(p2p, truth, truth_0, distances) for p2p, truth in zip(p2ps, truths, strict=True)]
+        p2ps = self._point_maps(given.shapes, matching=matching, n_stable=n_stable, refine=refine)
+        errors = [
+            _as_given(pair_errors(p2p, answers[i], truth_0, distances), shape)
+            for p2p, i, shape in zip(p2ps, given.places, given.shapes, strict=True)
+        ]
+        nothing = PairErrors(np.empty(0, dtype=np.int64), np.empty(0), None, np.empty(0))
+        return spread(errors, given, lambda _: nothing)
 
     def score(
         self,
@@ -478,10 +512,11 @@ class WeightedFunctionalMapLearner(CallbackSupportMixin, Versioned, BaseEstimato
         Returns
         -------
         float
-            In units of sqrt(area) of the reference, averaged over pairs and then over shapes.
+            In units of sqrt(area) of the reference, averaged over pairs and then over shapes. Shapes that were left out
+            do not count; NaN if all were.
         """
         means = [errors.mean("direct") for errors in self.pair_errors(X, y, reference_y=reference_y)]
-        return -float(np.average(means, weights=check_sample_weight(sample_weight, len(means))))
+        return -mean_over_shapes(means, check_sample_weight(sample_weight, len(means)))
 
     def _check_parameters(self) -> None:
         check_number(self.n_functions, "n_functions", low=2, integer=True)
@@ -497,15 +532,32 @@ class WeightedFunctionalMapLearner(CallbackSupportMixin, Versioned, BaseEstimato
         check_choice(self.normalize, "normalize", ("shape", "reference"))
         check_choice(self.matching, "matching", MATCHINGS)
         check_choice(self.refine, "refine", REFINEMENTS)
+        check_choice(self.on_invalid, "on_invalid", ("raise", "skip"))
         check_number(self.max_iter, "max_iter", low=1, integer=True)
         check_number(self.tol, "tol", low=0)
         _count_stable(self.n_stable, self.n_functions)
 
-    def _reference_index(self, shapes: Sequence[ProbedShape], truths: Sequence[Correspondence]) -> int:
+    def _reference_index(self, shapes: Sequence[Any], truths: Sequence[Any]) -> int:
+        """Return the place of the reference; one that cannot be used is an error."""
+        index = self._place_of_reference(shapes, truths)
+        for what in (shapes[index], truths[index]):
+            if isinstance(what, SkippedShape):
+                raise MeshError(
+                    f"The reference, {place(index, what)}, cannot be used: {what.reason} Mend it or choose another."
+                )
+        if shapes[index].spectral.vertex_map is not None:
+            raise MeshError(
+                f"The vertices of the reference, {place(index, shapes[index])}, have other numbers since it was "
+                "mended, and matches refer to them. Mend it with repair_mesh first, and use that mesh and its numbers."
+            )
+        return index
+
+    def _place_of_reference(self, shapes: Sequence[Any], truths: Sequence[Any]) -> int:
         if self.reference == "first":
             return 0
         if self.reference == "medoid":
-            return medoid_index(shapes, truths, self.n_jobs)
+            sound = [i for i in range(len(shapes)) if not isinstance(truths[i], SkippedShape)]
+            return sound[medoid_index([shapes[i] for i in sound], [truths[i] for i in sound], self.n_jobs)]
         names = [shape.name for shape in shapes]
         if names.count(self.reference) != 1:
             raise ValueError(
@@ -513,6 +565,30 @@ class WeightedFunctionalMapLearner(CallbackSupportMixin, Versioned, BaseEstimato
                 "that resamples, keep it in every fold with PinnedReference."
             )
         return names.index(self.reference)
+
+    def _usable(self, shapes: Sequence[Any], truths: Sequence[Any], reference: int) -> list[int]:
+        """Return the places of the shapes to learn from, the reference among them, and warn of the others."""
+        answers = [
+            self._without_points(truths[i], shapes[i], truths[reference], shapes[reference])
+            if self.on_invalid == "skip" and i != reference
+            else truths[i]
+            for i in range(len(shapes))
+        ]
+        warn_of_skipped(answers)
+        used = [i for i, answer in enumerate(answers) if not isinstance(answer, SkippedShape)]
+        if len(used) < 2:
+            raise ValueError(f"Give at least two shapes: the reference and one to learn from; got {len(used)}.")
+        return used
+
+    def _without_points(self, truth: Any, shape: Any, truth_0: Correspondence, reference: ProbedShape) -> Any:
+        """Return the correspondence, or why there is nothing to be learned from it."""
+        if isinstance(truth, SkippedShape):
+            return truth
+        try:
+            check_landmarks(shape, reference, join_with_reference(truth, shape, truth_0, reference), self.n_functions)
+        except CorrespondenceError as error:
+            return SkippedShape(shape.name, str(error))
+        return truth
 
     def _training(
         self, index: int, shapes: Sequence[ProbedShape], truths: Sequence[Correspondence], share: FloatArray
@@ -650,12 +726,12 @@ class WeightedFunctionalMapLearner(CallbackSupportMixin, Versioned, BaseEstimato
             settings = settings._replace(refine=refine)
         return _matcher_of(vars(self))._replace(settings=settings)
 
-    def _check_new(self, X: Sequence[ProbedShape]) -> Sequence[ProbedShape]:
+    def _check_new(self, X: Sequence[Any]) -> Sorted:
         check_is_fitted(self, "stable_basis_")
-        shapes = check_shapes(X, len(self.stable_basis_))
-        for i, shape in enumerate(shapes):
+        given = sort_out(check_shapes(X, len(self.stable_basis_)))
+        for i, shape in zip(given.places, given.shapes, strict=True):
             check_same_probes(shape, self.reference_, place(i, shape), "the training shapes")
-        return shapes
+        return given
 
     def _tell(self, message: str) -> None:
         if self.verbose:
@@ -718,6 +794,12 @@ def _count_stable(n_stable: float | None, k: int) -> int:
     if isinstance(n_stable, (int, np.integer)):
         return int(check_number(n_stable, "n_stable", low=1, high=k, integer=True))
     return max(1, round(check_number(n_stable, "n_stable", low=0, high=1, strict=True) * k))
+
+
+def _as_given(errors: PairErrors, shape: ProbedShape) -> PairErrors:
+    """Return errors at the vertices that the shape came with."""
+    vertex_map = shape.spectral.vertex_map
+    return errors if vertex_map is None else replace(errors, vertices=given_numbers(vertex_map)[errors.vertices])
 
 
 def _labels_of(weighting: Any, reference: ProbedShape) -> Any:

@@ -164,7 +164,7 @@ class PairErrors:
     def of_kind(self, kind: str) -> FloatArray:
         """Return the errors as ``kind`` counts them, shape (n_pairs,)."""
         check_choice(kind, "kind", ERROR_KINDS)
-        if kind == "direct":
+        if kind == "direct" or len(self.direct) == 0:
             return self.direct
         if self.symmetric is None:
             raise CorrespondenceError(
@@ -178,7 +178,9 @@ class PairErrors:
         return self.direct if direct <= symmetric else np.where(known, self.symmetric, self.direct)
 
     def mean(self, kind: str = "direct") -> float:
-        """Return the mean error of ``kind``."""
+        """Return the mean error of ``kind``; NaN for a shape that was left out, which has no pairs."""
+        if len(self.direct) == 0:
+            return float("nan")
         return float(np.average(self.of_kind(kind), weights=self.weights))
 
 
@@ -347,7 +349,15 @@ class _GeodesicScorer:
     ) -> float:
         """Return the score of a fitted learner, Pipeline or search on shapes ``X``."""
         means = [e.mean(self.kind) for e in matching_errors(estimator, X, y, reference_y=self.reference_y)]
-        return -float(np.average(means, weights=sample_weight))
+        return -mean_over_shapes(means, sample_weight)
+
+
+def mean_over_shapes(means: Sequence[float], weights: Sequence[float] | FloatArray | None = None) -> float:
+    """Return the weighted mean of the shapes' errors; shapes that were left out (NaN) do not count."""
+    errors = np.asarray(means, dtype=np.float64)
+    share = np.ones(len(errors)) if weights is None else np.asarray(weights, dtype=np.float64)
+    known = ~np.isnan(errors) & (share > 0)
+    return float(np.average(errors[known], weights=share[known])) if known.any() else float("nan")
 
 
 def get_scorer_names() -> list[str]:

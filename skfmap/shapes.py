@@ -1,6 +1,6 @@
 """Frozen data that flows through the pipeline: meshes, shapes in a basis, correspondences, matches."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any, Self
 
@@ -9,10 +9,10 @@ import scipy.sparse as sp
 
 from skfmap._caching import hash_of_arrays
 from skfmap._typing import FloatArray, IntArray, SparseMatrix
-from skfmap._validation import check_faces, check_pairs, check_vertices, label, read_only
+from skfmap._validation import check_faces, check_index_range, check_pairs, check_vertices, label, read_only
 from skfmap.exceptions import CorrespondenceError
 
-__all__ = ["Correspondence", "JoinedPairs", "Match", "Mesh", "ProbedShape", "SpectralShape"]
+__all__ = ["Correspondence", "JoinedPairs", "Match", "Mesh", "ProbedShape", "SkippedShape", "SpectralShape"]
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -93,6 +93,28 @@ class Mesh:
         return hash_of_arrays(self.vertices, self.faces)
 
 
+@dataclass(frozen=True, eq=False)
+class SkippedShape:
+    """The place of a shape that cannot be used, so that those behind it keep theirs.
+
+    `SpectralBasis` leaves it behind with ``on_invalid="skip"``. It goes through the pipeline as it is, is left out of a
+    fit, and is answered with NaN and -1.
+
+    Attributes
+    ----------
+    name : str or None
+        Name of the shape.
+    reason : str
+        Why it cannot be used.
+    n_vertices : int
+        Number of vertices; 0 if that is not known.
+    """
+
+    name: str | None
+    reason: str
+    n_vertices: int = 0
+
+
 @dataclass(frozen=True, eq=False, repr=False)
 class SpectralShape:
     """A shape of unit area with its first Laplacian eigenfunctions.
@@ -118,6 +140,9 @@ class SpectralShape:
         Whether they are known to point outwards.
     laplacian : str
         Which Laplacian the eigenfunctions are of.
+    vertex_map : ndarray of int, shape (n_vertices_given,), or None
+        If the mesh was mended: number in ``mesh`` of each vertex that was given, -1 where it was removed. None if
+        vertices have their own numbers.
     """
 
     mesh: Mesh
@@ -129,6 +154,7 @@ class SpectralShape:
     oriented: bool = True
     outward: bool = True
     laplacian: str = "cotangent"
+    vertex_map: IntArray | None = None
 
     def __repr__(self) -> str:
         """Return a line with name and counts."""
@@ -156,17 +182,7 @@ class SpectralShape:
 
     def truncate(self, n_components: int) -> "SpectralShape":
         """Return the same shape with its first ``n_components`` eigenfunctions only."""
-        return SpectralShape(
-            self.mesh,
-            self.evals[:n_components],
-            self.evecs[:, :n_components],
-            self.mass,
-            self.stiffness,
-            self.area,
-            self.oriented,
-            self.outward,
-            self.laplacian,
-        )
+        return replace(self, evals=self.evals[:n_components], evecs=self.evecs[:, :n_components])
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -414,6 +430,44 @@ class Correspondence:
         rows_i, rows_0 = rows_i[kept], rows_0[kept]
         return JoinedPairs(self.pairs[rows_i, 0], pairs_0[rows_0, 0], self.pairs[rows_i, 1], weights[kept])
 
+    def renumber(self, vertex_map: object) -> "Correspondence":
+        """Return the correspondence of a shape whose vertices have other numbers now.
+
+        Parameters
+        ----------
+        vertex_map : array-like of int, shape (n_vertices,)
+            New number of each vertex, -1 where it is gone; from `skfmap.repair_mesh`.
+
+        Returns
+        -------
+        Correspondence
+            Pairs and symmetric pairs of the vertices that are left.
+
+        Raises
+        ------
+        CorrespondenceError
+            If a pair refers to a vertex that ``vertex_map`` does not have.
+        TypeError
+            If ``vertex_map`` holds anything but integers.
+
+        Examples
+        --------
+        >>> from skfmap import Correspondence
+        >>> Correspondence.from_vertices([2, 0, 1]).renumber([-1, 0, 1]).pairs.tolist()
+        [[0, 0], [1, 1]]
+        """
+        new = np.asarray(vertex_map)
+        if new.ndim != 1 or not np.issubdtype(new.dtype, np.integer):
+            raise TypeError(f"vertex_map must be a 1-D array of integers; got {new.dtype} of shape {new.shape}.")
+        check_index_range(self.pairs[:, 0], len(new), "The pairs")
+        pairs, weights = _renumbered(self.pairs, self.weights, new)
+        symmetric, symmetric_weights = None, None
+        if self.symmetric_pairs is not None:
+            check_index_range(self.symmetric_pairs[:, 0], len(new), "The symmetric pairs")
+            symmetric, symmetric_weights = _renumbered(self.symmetric_pairs, self.symmetric_weights, new)
+        n_vertices = int(new.max(initial=-1)) + 1
+        return _correspondence(pairs, symmetric, weights, symmetric_weights, n_vertices)
+
     def restrict(self, points: object) -> "Correspondence":
         """Return the correspondence on the given template points only.
 
@@ -591,6 +645,12 @@ class Match:
         """Return a line with both names and the mean expected error."""
         mean = self.expected_error.mean()
         return f"Match({self.name!r} -> {self.reference_name!r}, mean expected error {mean:.3f} sqrt(area))"
+
+
+def _renumbered(pairs: IntArray, weights: FloatArray | None, new: IntArray) -> tuple[IntArray, FloatArray | None]:
+    kept = new[pairs[:, 0]] >= 0
+    moved = np.column_stack([new[pairs[kept, 0]], pairs[kept, 1]])
+    return moved, None if weights is None else weights[kept]
 
 
 def _correspondence(

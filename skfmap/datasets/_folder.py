@@ -2,20 +2,24 @@
 
 import re
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from sklearn.utils import Bunch
 
+from skfmap._skipped import warn_of_skipped
 from skfmap._typing import IntArray
-from skfmap._validation import check_index_range
-from skfmap.exceptions import CorrespondenceError
+from skfmap._validation import check_choice, check_index_range
+from skfmap.exceptions import CorrespondenceError, MeshError
 from skfmap.io import MESH_SUFFIXES, read_mesh
-from skfmap.shapes import Correspondence, Mesh
+from skfmap.shapes import Correspondence, Mesh, SkippedShape
 
 __all__ = ["load_collection"]
 
 
-def load_collection(folder: str | Path, pattern: str = "*", reference: str | None = None) -> Bunch:
+def load_collection(
+    folder: str | Path, pattern: str = "*", reference: str | None = None, *, on_invalid: str = "raise"
+) -> Bunch:
     """Load the meshes of a folder with their correspondences, the reference first.
 
     For each mesh ``NAME.off`` (or .obj, .ply, .stl) the first of these that exists is read:
@@ -36,6 +40,10 @@ def load_collection(folder: str | Path, pattern: str = "*", reference: str | Non
         Which of them, by name without suffix: ``"cat*"``.
     reference : str, optional
         Name of the mesh to put first; the first in natural order (cat2 before cat10) by default.
+    on_invalid : {"raise", "skip"}, default="raise"
+        What to do with a mesh that cannot be read, or whose correspondences cannot. ``"skip"`` puts a
+        `skfmap.shapes.SkippedShape` in its place, with a warning; ``SpectralBasis(on_invalid="skip")`` passes it on,
+        and the learner leaves it out. The reference always raises.
 
     Returns
     -------
@@ -70,24 +78,47 @@ def load_collection(folder: str | Path, pattern: str = "*", reference: str | Non
         )
     if not folder.is_dir():
         raise FileNotFoundError(f"There is no folder {folder}.")
+    check_choice(on_invalid, "on_invalid", ("raise", "skip"))
     paths = _mesh_paths(folder, pattern, reference)
-    meshes = [read_mesh(path) for path in paths]
-    found = [_read_correspondence(path, mesh) for path, mesh in zip(paths, meshes, strict=True)]
     names = [path.stem for path in paths]
-    if all(truth is None for truth in found):
-        how, correspondences = "vertices correspond by number", _by_vertex_number(meshes, folder)
+    read = [_read(path, skip=on_invalid == "skip" and i > 0) for i, path in enumerate(paths)]
+    meshes: list[Any] = [mesh for mesh, _ in read]
+    found = [truth for _, truth in read]
+    warn_of_skipped(meshes)
+    sound = [i for i, mesh in enumerate(meshes) if not isinstance(mesh, SkippedShape)]
+    if all(found[i] is None for i in sound):
+        by_number = dict(zip(sound, _by_vertex_number([meshes[i] for i in sound], folder), strict=True))
+        how, correspondences = "vertices correspond by number", [by_number.get(i, _NONE) for i in range(len(meshes))]
     else:
-        correspondences = _all_found(found, names, folder)
-        counts = [len(truth.pairs) for truth in correspondences]
+        together = dict(
+            zip(sound, _all_found([found[i] for i in sound], [names[i] for i in sound], folder), strict=True)
+        )
+        correspondences = [together.get(i, _NONE) for i in range(len(meshes))]
+        counts = [len(correspondences[i].pairs) for i in sound]
         n_symmetric = sum(truth.has_symmetric for truth in correspondences)
         how = f"{_range(counts)} pairs per mesh read beside them, symmetric answers for {n_symmetric} of {len(meshes)}"
-        _check_vts_lengths(paths)
+        _check_vts_lengths([paths[i] for i in sound])
     return Bunch(
         meshes=meshes,
         correspondences=correspondences,
         names=names,
         DESCR=f"{len(meshes)} meshes of {folder}, reference {names[0]!r}; {how}.",
     )
+
+
+# What stands beside a shape that is left out.
+_NONE = Correspondence(np.empty((0, 2), dtype=np.int64))
+
+
+def _read(path: Path, *, skip: bool) -> tuple[Mesh | SkippedShape, Correspondence | None]:
+    """Return a mesh and where it lies on the template, or the place of one that cannot be read."""
+    try:
+        mesh = read_mesh(path)
+        return mesh, _read_correspondence(path, mesh)
+    except (MeshError, CorrespondenceError, OSError) as error:
+        if not skip:
+            raise
+        return SkippedShape(path.stem, str(error)), None
 
 
 def _range(counts: list[int]) -> str:

@@ -79,3 +79,65 @@ def _count_edges(edges: IntArray) -> tuple[IntArray, IntArray]:
     # One number for each pair: sorting numbers is many times faster than sorting rows.
     keys, counts = np.unique(edges[:, 0].astype(np.int64) * base + edges[:, 1], return_counts=True)
     return np.stack(np.divmod(keys, base), axis=1), counts
+
+
+def duplicate_faces(faces: IntArray) -> IntArray:
+    """Return the faces whose three vertices an earlier face has already, in whatever order."""
+    _, first = np.unique(np.sort(faces, axis=1), axis=0, return_index=True)
+    return np.setdiff1d(np.arange(len(faces)), first)
+
+
+def duplicate_vertices(vertices: FloatArray) -> IntArray:
+    """Return the vertices that lie exactly where an earlier one does."""
+    _, first = np.unique(vertices, axis=0, return_index=True)
+    return np.setdiff1d(np.arange(len(vertices)), first)
+
+
+def slivers(vertices: FloatArray, faces: IntArray, ratio: float = 1e-3) -> IntArray:
+    """Return the faces with an area, but less than ``ratio`` times the squared longest edge."""
+    corners = vertices[faces]
+    edges = np.roll(corners, -1, axis=1) - corners
+    area = np.linalg.norm(np.cross(edges[:, 0], edges[:, 1]), axis=1) / 2
+    longest = (edges**2).sum(axis=2).max(axis=1)
+    return np.flatnonzero((area > 1e-10 * longest) & (area < ratio * longest))
+
+
+def nonmanifold_vertices(faces: IntArray, n_vertices: int) -> IntArray:
+    """Return the vertices whose faces do not form one fan: two cones that touch in a point, for instance."""
+    corner_of = faces.ravel()  # corner c belongs to face c // 3
+    edges = np.sort(_half_edges(faces), axis=1)
+    # Corners of neighbouring faces at the two ends of their common edge belong to one fan.
+    start = np.concatenate([3 * np.arange(len(faces)) + j for j in range(3)])
+    end = np.concatenate([3 * np.arange(len(faces)) + (j + 1) % 3 for j in range(3)])
+    flipped = corner_of[start] > corner_of[end]
+    low, high = np.where(flipped, end, start), np.where(flipped, start, end)
+    order = np.lexsort((edges[:, 1], edges[:, 0]))
+    same = (edges[order][1:] == edges[order][:-1]).all(axis=1)
+    one, other = order[:-1][same], order[1:][same]
+    pairs = np.concatenate([np.stack([low[one], low[other]]), np.stack([high[one], high[other]])], axis=1)
+    n = len(corner_of)
+    _, fan = sp.csgraph.connected_components(
+        sp.coo_array((np.ones(pairs.shape[1]), pairs), shape=(n, n)), directed=False
+    )
+    n_fans = np.bincount(np.unique(np.stack([corner_of, fan], axis=1), axis=0)[:, 0], minlength=n_vertices)
+    return np.flatnonzero(n_fans > 1)
+
+
+def components(faces: IntArray, n_vertices: int) -> IntArray:
+    """Return the number of the connected component of each vertex; isolated vertices are components of their own."""
+    edges = _half_edges(faces).astype(np.int32)
+    links = sp.coo_array((np.ones(len(edges)), (edges[:, 0], edges[:, 1])), shape=(n_vertices, n_vertices))
+    return np.asarray(sp.csgraph.connected_components(links, directed=False)[1], dtype=np.int64)
+
+
+def n_boundary_loops(faces: IntArray) -> int:
+    """Return the number of connected pieces of the boundary: holes, or the rim of an open surface."""
+    edges, counts = _count_edges(np.sort(_half_edges(faces), axis=1))
+    rim = edges[counts == 1]
+    if len(rim) == 0:
+        return 0
+    _, numbers = np.unique(rim, return_inverse=True)
+    numbers = numbers.reshape(rim.shape)
+    n = int(numbers.max()) + 1
+    links = sp.coo_array((np.ones(len(rim)), (numbers[:, 0], numbers[:, 1])), shape=(n, n))
+    return int(sp.csgraph.connected_components(links, directed=False)[0])

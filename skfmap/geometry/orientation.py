@@ -58,6 +58,8 @@ def orient_faces(vertices: FloatArray, faces: IntArray) -> tuple[IntArray, bool,
     if not is_wound_consistently(oriented):
         return faces, False, False
     scale = igl.doublearea(vertices, oriented).sum() / 2
+    if scale**1.5 == 0:  # no area, or too little to be told from none
+        return oriented, True, False
     volume = signed_volume(vertices, oriented) / scale**1.5
     if abs(volume) < _FLAT:
         return oriented, True, False

@@ -203,7 +203,7 @@ def _hover(scene: Scene, panel: Panel, target: IntArray | None) -> list[str]:
     """Return what is said of each vertex under the pointer."""
     columns = [[f"vertex {v}" for v in range(panel.mesh.n_vertices)]]
     if target is not None:
-        columns.append([f"vertex {v} of the reference" for v in target])
+        columns.append([f"vertex {v} of the reference" if v >= 0 else "no match" for v in target])
     for values, scale, label in zip(panel.values, scene.scales, scene.labels, strict=True):
         if values is not None and scale is not None:
             columns.append([f"{html.escape(label)} {value:.4g}" for value in undefined_as_nan(values)])

@@ -11,7 +11,7 @@ from skfmap._validation import check_choice, label
 from skfmap.io import as_mesh, as_meshes
 from skfmap.metrics import PairErrors
 from skfmap.plotting._camera import Camera, turn_upright
-from skfmap.plotting._colours import CONFIDENCE, ERRORS, Scale, colours_of_position, scale_of
+from skfmap.plotting._colours import CONFIDENCE, ERRORS, UNKNOWN, Scale, colours_of_position, scale_of
 from skfmap.shapes import Match, Mesh
 
 __all__ = ["Panel", "Scene", "check_values", "scene_of_functions", "scene_of_matches"]
@@ -146,13 +146,17 @@ def scene_of_matches(
     ]
     for i, (match, mesh) in enumerate(zip(matches, shapes, strict=True)):
         points = _placed(mesh, camera.up)
-        points = _turned_like(points, at_rest[match.p2p]) if align else points
-        values = {"match": colours[match.p2p], "expected error": match.expected_error, "confidence": match.confidence}
+        points = _turned_like(points, match.p2p >= 0, at_rest[match.p2p[match.p2p >= 0]]) if align else points
+        values = {
+            "match": _carried(colours, match.p2p),
+            "expected error": match.expected_error,
+            "confidence": match.confidence,
+        }
         if errors is not None:
             values["true error"] = _at_vertices(errors[i], mesh.n_vertices)
         caption = (match.name or mesh.name or "") + ("" if captions is None else f"\n{captions[i]}")
         panels.append(Panel(mesh, points, caption, tuple(values[what] for what in show)))
-    worst = max(0.02, *(float(np.max(match.expected_error)) for match in matches))
+    worst = max([0.02, *(float(e) for match in matches for e in match.expected_error[~np.isnan(match.expected_error)])])
     scales = {
         "match": None,
         "expected error": Scale(ERRORS, 0.0, worst, "expected error / sqrt(area)"),
@@ -160,6 +164,11 @@ def scene_of_matches(
         "confidence": Scale(CONFIDENCE, 0.0, 1.0, "confidence (within 0.1)"),
     }
     return Scene(tuple(panels), tuple(scales[what] for what in show), tuple(show), camera)
+
+
+def _carried(colours: FloatArray, p2p: Any) -> FloatArray:
+    """Return the colours of matched vertices; grey where there is no match (-1)."""
+    return np.where((p2p >= 0)[:, None], colours[p2p], UNKNOWN)
 
 
 def _title(what: str, name: str | None) -> str:
@@ -205,9 +214,11 @@ def _placed(mesh: Mesh, up: str) -> FloatArray:
     return np.asarray(points - (points.min(axis=0) + points.max(axis=0)) / 2)
 
 
-def _turned_like(points: FloatArray, targets: FloatArray) -> FloatArray:
-    """Return points turned about the vertical so that they lie most like their targets."""
-    flat, goal = (p[:, :2] - p[:, :2].mean(axis=0) for p in (points, targets))
+def _turned_like(points: FloatArray, known: Any, targets: FloatArray) -> FloatArray:
+    """Return points turned about the vertical so that the known ones lie most like their targets."""
+    if len(targets) == 0:
+        return points
+    flat, goal = (p[:, :2] - p[:, :2].mean(axis=0) for p in (points[known], targets))
     angle = np.arctan2((flat[:, 0] * goal[:, 1] - flat[:, 1] * goal[:, 0]).sum(), (flat * goal).sum())
     cosine, sine = np.cos(angle), np.sin(angle)
     turned = points @ np.array([[cosine, sine, 0], [-sine, cosine, 0], [0, 0, 1]])

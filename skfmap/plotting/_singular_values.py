@@ -97,7 +97,7 @@ class SingularValuesDisplay:
         return cls(np.atleast_2d(values), name=name).plot(ax, **kwargs)
 
     def plot(self, ax: Any = None, *, name: str | None = None, **kwargs: Any) -> Self:
-        """Draw the curve; several may share axes.
+        """Draw the curve, up to 98 % of the values or 1; several may share axes.
 
         Parameters
         ----------

@@ -12,7 +12,7 @@ from skfmap._unwrap import learner_and_shapes
 from skfmap._validation import label
 from skfmap.metrics import PairErrors
 from skfmap.model_selection import PinnedReference
-from skfmap.shapes import Correspondence, Match, Mesh, ProbedShape
+from skfmap.shapes import Correspondence, Match, Mesh, ProbedShape, SkippedShape
 
 __all__ = ["Evaluation", "evaluate", "thin_out"]
 
@@ -75,14 +75,18 @@ def evaluate(
     Returns
     -------
     Evaluation
-        One entry for each shape but the reference, in the order of ``X``.
+        One entry for each shape but the reference, in the order of ``X``; shapes that the steps before the learner
+        skipped are left out.
 
     Raises
     ------
     ValueError
         If ``X`` does not hold the model's reference, or fewer than two other shapes.
     """
-    learner, shapes = learner_and_shapes(model, X)
+    learner, given = learner_and_shapes(model, X)
+    usable = [i for i, shape in enumerate(given) if not isinstance(shape, SkippedShape)]
+    shapes, y = [given[i] for i in usable], [y[i] for i in usable]
+    y_scored = None if y_scored is None else [y_scored[i] for i in usable]
     place = _place_of_reference(learner, shapes)
     order = [place, *(i for i in range(len(shapes)) if i != place)]
     shapes, truths = [shapes[i] for i in order], [_correspondence(y[i]) for i in order]

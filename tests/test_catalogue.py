@@ -1,0 +1,353 @@
+"""The catalogue: each fault, in each position, through the whole pipeline. No cell is somebody else's traceback.
+
+What happens to a mesh with a fault is written in one row: with the cotangent Laplacian, with the robust one, and with
+``on_invalid="repair"``. The position changes nothing but for a reference, which must be usable as it is numbered.
+"""
+
+import warnings
+
+import numpy as np
+import pytest
+from sklearn.pipeline import make_pipeline
+
+import skfmap
+from skfmap import DescriptorTransformer, Mesh, SpectralBasis, WeightedFunctionalMapLearner, check_mesh, repair_mesh
+from skfmap.exceptions import MeshError, OrientationWarning, RepairWarning, SkippedShapeWarning
+
+WORKS, WARNS, REFUSED = "works", "warns", "refused"
+
+
+def nan_vertex(vertices, faces):
+    vertices[5] = np.nan
+    return vertices, faces
+
+
+def infinite_vertex(vertices, faces):
+    vertices[5, 0] = np.inf
+    return vertices, faces
+
+
+def index_out_of_range(vertices, faces):
+    faces[3, 1] = len(vertices)
+    return vertices, faces
+
+
+def negative_index(vertices, faces):
+    faces[3, 1] = -1
+    return vertices, faces
+
+
+def repeated_corner(vertices, faces):
+    faces[7, 0] = faces[7, 1]
+    return vertices, faces
+
+
+def face_twice(vertices, faces):
+    return vertices, np.concatenate([faces, faces[:1]])
+
+
+def unreferenced_vertex(vertices, faces):
+    return np.concatenate([[[9.0, 9, 9]], vertices]), faces + 1
+
+
+def face_without_area(vertices, faces):
+    vertices[faces[7, 0]] = vertices[faces[7, 1]]
+    return vertices, faces
+
+
+def seam(vertices, faces):
+    """Cut the mesh at the plane x = 0 into two parts, each with its own copy of the vertices on the cut."""
+    left = (vertices[faces].mean(axis=1)[:, 0] < 0).nonzero()[0]
+    cut = faces.copy()
+    cut[left] += len(vertices)
+    used, renumbered = np.unique(cut, return_inverse=True)
+    return np.concatenate([vertices, vertices])[used], renumbered.reshape(cut.shape)
+
+
+def two_bodies(vertices, faces):
+    return np.concatenate([vertices, 0.1 * vertices + 9]), np.concatenate([faces, faces + len(vertices)])
+
+
+def fin(vertices, faces):
+    a, b, c = faces[7]
+    tip = vertices[[a, b]].mean(axis=0) + 0.05 * (vertices[a] - vertices[c])
+    return np.concatenate([vertices, [tip]]), np.concatenate([faces, [[b, a, len(vertices)]]])
+
+
+def touching_point(vertices, faces):
+    """Merge two far vertices: the surface touches itself there."""
+    a, b = faces[0, 0], np.linalg.norm(vertices - vertices[faces[0, 0]], axis=1).argmax()
+    merged = np.where(faces == b, a, faces)
+    used, renumbered = np.unique(merged, return_inverse=True)
+    return vertices[used], renumbered.reshape(faces.shape)
+
+
+def hole(vertices, faces):
+    return vertices, faces[~(faces == faces[7, 0]).any(axis=1) | (np.arange(len(faces)) == 7)]
+
+
+def inconsistent_winding(vertices, faces):
+    faces[::3] = faces[::3][:, [0, 2, 1]]
+    return vertices, faces
+
+
+def inside_out(vertices, faces):
+    return vertices, faces[:, [0, 2, 1]]
+
+
+def sliver(vertices, faces):
+    a, b, c = faces[7]
+    vertices[c] = 0.5 * (vertices[a] + vertices[b]) + 1e-4 * (vertices[c] - vertices[a])
+    return vertices, faces
+
+
+def tiny(vertices, faces):
+    return 1e-60 * vertices, faces
+
+
+def huge(vertices, faces):
+    return 1e60 * vertices, faces
+
+
+def beyond_numbers(vertices, faces):
+    return 1e-180 * vertices, faces
+
+
+def far_away(vertices, faces):
+    return vertices + 1e7, faces
+
+
+def no_faces(vertices, faces):
+    return vertices, faces[:0]
+
+
+def nothing(vertices, faces):
+    return vertices[:0], faces[:0]
+
+
+# fault: cotangent, robust, mended
+CATALOGUE = {
+    nan_vertex: (REFUSED, REFUSED, WORKS),
+    infinite_vertex: (REFUSED, REFUSED, WORKS),
+    index_out_of_range: (REFUSED, REFUSED, WORKS),
+    negative_index: (REFUSED, REFUSED, WORKS),
+    repeated_corner: (REFUSED, REFUSED, WORKS),
+    face_twice: (REFUSED, WARNS, WORKS),
+    unreferenced_vertex: (REFUSED, REFUSED, WORKS),
+    face_without_area: (REFUSED, WORKS, REFUSED),
+    seam: (REFUSED, REFUSED, WORKS),
+    two_bodies: (REFUSED, REFUSED, WORKS),
+    fin: (REFUSED, WARNS, REFUSED),
+    touching_point: (WORKS, WORKS, WORKS),
+    hole: (WORKS, WORKS, WORKS),
+    inconsistent_winding: (WORKS, WORKS, WORKS),
+    inside_out: (WORKS, WORKS, WORKS),
+    sliver: (WORKS, WORKS, WORKS),
+    tiny: (WORKS, WORKS, WORKS),
+    huge: (WORKS, WORKS, WORKS),
+    beyond_numbers: (REFUSED, REFUSED, REFUSED),
+    far_away: (WORKS, WORKS, WORKS),
+    no_faces: (REFUSED, REFUSED, REFUSED),
+    nothing: (REFUSED, REFUSED, REFUSED),
+}
+# A reference that would be renumbered is refused.
+RENUMBERED = (nan_vertex, infinite_vertex, unreferenced_vertex, seam, two_bodies)
+POSITIONS = {"reference": 0, "training": 2, "new": 5}
+# New shapes are matched from the fifth on, so that the broken one is the second of them.
+CALLED = {"reference": "shape 0", "training": "shape 2", "new": "shape 1"}
+
+
+@pytest.fixture(scope="module")
+def memory(tmp_path_factory):
+    return str(tmp_path_factory.mktemp("cache"))
+
+
+def _broken(collection, fault, place):
+    body = collection.meshes[place]
+    with np.errstate(all="ignore"):
+        return fault(body.vertices.copy(), body.faces.copy())
+
+
+def _outcome(collection, fault, place, memory, laplacian="cotangent", on_invalid="raise"):
+    """Run everything with a broken mesh in one place; return what happened, the message, and the matches."""
+    meshes, truths = list(collection.meshes), list(collection.truths)
+    meshes[place] = _broken(collection, fault, place)
+    if fault is unreferenced_vertex:  # all numbers are one higher there
+        truths[place] = skfmap.Correspondence(np.add(truths[place].pairs, [1, 0]))
+    elif fault in (seam, touching_point):  # these have numbers of their own
+        inside = truths[place].pairs[:, 0] < len(meshes[place][0])
+        truths[place] = skfmap.Correspondence(truths[place].pairs[inside])
+    families = "paper" if fault in (fin, face_twice) else None
+    model = make_pipeline(
+        SpectralBasis(20, laplacian=laplacian, on_invalid=on_invalid, memory=memory),
+        DescriptorTransformer(families, memory=memory),
+        WeightedFunctionalMapLearner(n_functions=8, weighting="category", tol=1e-2, memory=memory),
+    )
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        try:
+            model.fit(meshes[:5], truths[:5])
+            matches = skfmap.match(model, meshes[4:])
+        except MeshError as error:
+            return REFUSED, str(error), None
+    told = [w for w in caught if issubclass(w.category, (OrientationWarning, RepairWarning, SkippedShapeWarning))]
+    return (WARNS if told else WORKS), " ".join(str(w.message) for w in told), matches
+
+
+@pytest.mark.parametrize("position", POSITIONS)
+@pytest.mark.parametrize("fault", CATALOGUE)
+def test_a_fault_is_refused_by_name_or_works(collection, memory, fault, position):
+    place = POSITIONS[position]
+    for laplacian, expected in zip(("cotangent", "robust"), CATALOGUE[fault], strict=False):
+        outcome, message, matches = _outcome(collection, fault, place, memory, laplacian)
+        assert outcome == expected, (laplacian, message)
+        if outcome == REFUSED:
+            assert CALLED[position] in message
+        else:
+            assert all(np.isfinite(match.expected_error).all() and (match.p2p >= 0).all() for match in matches)
+
+
+@pytest.mark.parametrize("position", POSITIONS)
+@pytest.mark.parametrize("fault", CATALOGUE)
+def test_a_fault_is_mended_if_it_can_be(collection, memory, fault, position):
+    place, expected = POSITIONS[position], CATALOGUE[fault][2]
+    needs_repair = CATALOGUE[fault][0] == REFUSED
+    outcome, message, matches = _outcome(collection, fault, place, memory, on_invalid="repair")
+    if expected == REFUSED or (position == "reference" and fault in RENUMBERED):
+        assert outcome == REFUSED
+        assert CALLED[position] in message or "The vertices of the reference" in message
+        return
+    assert outcome == (WARNS if needs_repair else WORKS), message
+    assert not needs_repair or CALLED[position] in message
+    if position == "new":
+        given, _ = _broken(collection, fault, place)
+        match = matches[1]
+        assert len(match.p2p) == len(given)
+        removed = match.p2p < 0
+        assert np.isnan(match.expected_error[removed]).all()
+        assert np.isfinite(match.expected_error[~removed]).all()
+        assert match.matrix.shape == (len(given), collection.meshes[0].n_vertices)
+        np.testing.assert_allclose(match.matrix.sum(axis=1), ~removed)
+        assert not removed[match.inverse].any()
+
+
+@pytest.mark.parametrize("position", POSITIONS)
+@pytest.mark.parametrize("fault", [fault for fault, row in CATALOGUE.items() if row[0] == REFUSED])
+def test_a_fault_is_skipped_and_keeps_its_place(collection, memory, fault, position):
+    place = POSITIONS[position]
+    outcome, message, matches = _outcome(collection, fault, place, memory, on_invalid="skip")
+    if position == "reference":
+        assert outcome == REFUSED
+        assert "The reference, X[0] ('shape 0'), cannot be used" in message
+        return
+    assert outcome == WARNS
+    assert f"X[{place if position == 'training' else 1}]" in message
+    assert len(matches) == 2
+    if position == "new":
+        assert (matches[1].p2p == -1).all()
+        assert np.isnan(matches[1].expected_error).all()
+        assert np.isnan(matches[1].functional_map).all()
+    assert np.isfinite(matches[0].expected_error).all()
+
+
+@pytest.mark.parametrize("fault", CATALOGUE)
+def test_the_report_agrees_with_what_happens(collection, fault):
+    mesh = _broken(collection, fault, 2)
+    report = check_mesh(mesh)
+    for laplacian, expected in zip(("cotangent", "robust"), CATALOGUE[fault], strict=False):
+        assert report.usable(laplacian) == (expected != REFUSED), str(report)
+    if fault not in (tiny, huge, touching_point):
+        assert report.faults
+    if CATALOGUE[fault][2] == REFUSED and fault not in (face_without_area, fin, beyond_numbers):
+        with pytest.raises(MeshError, match="Nothing is left"):
+            repair_mesh(mesh)
+        return
+    before = [np.array(part) for part in mesh]
+    repair = repair_mesh(mesh)
+    for part, old in zip(mesh, before, strict=True):
+        np.testing.assert_array_equal(part, old)  # nothing given is modified
+    again = repair_mesh(repair.mesh)
+    assert again.done == ()
+    assert not again.renumbered
+    kept = repair.vertex_map >= 0
+    np.testing.assert_array_equal(repair.mesh.vertices[repair.vertex_map[kept]], before[0][kept])
+
+
+def test_one_broken_shape_does_not_lose_the_others(collection, memory):
+    """The answers for the others are those of a run without the broken one, bit for bit."""
+    _, _, with_it = _outcome(collection, nan_vertex, 2, memory, on_invalid="skip")
+    sound = [i for i in range(6) if i != 2]
+    model = make_pipeline(
+        SpectralBasis(20, memory=memory),
+        DescriptorTransformer(memory=memory),
+        WeightedFunctionalMapLearner(n_functions=8, weighting="category", tol=1e-2, memory=memory),
+    ).fit([collection.meshes[i] for i in sound[:4]], [collection.truths[i] for i in sound[:4]])
+    for one, other in zip(with_it, skfmap.match(model, collection.meshes[4:]), strict=True):
+        np.testing.assert_array_equal(one.p2p, other.p2p)
+        np.testing.assert_array_equal(one.expected_error, other.expected_error)
+
+
+def test_predictions_and_scores_of_skipped_shapes_are_not_a_number(collection, memory):
+    meshes = [*collection.meshes[:5], (np.zeros((3, 3)), np.array([[0, 1, 9]]))]
+    model = make_pipeline(
+        SpectralBasis(20, on_invalid="skip", memory=memory),
+        DescriptorTransformer(memory=memory),
+        WeightedFunctionalMapLearner(n_functions=8, weighting="category", tol=1e-2, memory=memory),
+    ).fit(meshes[:4], collection.truths[:4])
+    with pytest.warns(SkippedShapeWarning, match=r"1 of 2 shapes are left out. X\[1\], shape 'shape 1'"):
+        reduced = model.predict(meshes[4:])
+    assert np.isfinite(reduced[0]).all()
+    assert np.isnan(reduced[1]).all()
+    with pytest.warns(SkippedShapeWarning):
+        score = model.score(meshes[4:], collection.truths[4:])
+    assert score == model.score(meshes[4:5], collection.truths[4:5])
+    with pytest.warns(SkippedShapeWarning):
+        assert np.isnan(model.score(meshes[5:], collection.truths[5:]))
+    learner, shapes = model[-1], model[0].set_params(on_invalid="skip")
+    with pytest.warns(SkippedShapeWarning):
+        placed = model[1].transform(shapes.transform(meshes[4:]))
+    assert [len(p2p) for p2p in learner.point_maps(placed)] == [meshes[4].n_vertices, 3]
+    assert np.isnan(learner.ground_truth_maps(placed, collection.truths[4:])[1]).all()
+
+
+def test_a_mended_shape_is_scored_in_the_numbers_that_it_came_with(collection, memory):
+    """One vertex more, in front of all others: the errors are those of the sound mesh, one number higher."""
+    model = make_pipeline(
+        SpectralBasis(20, on_invalid="repair", memory=memory),
+        DescriptorTransformer(memory=memory),
+        WeightedFunctionalMapLearner(n_functions=8, weighting="category", tol=1e-2, memory=memory),
+    ).fit(collection.meshes[:4], collection.truths[:4])
+    sound = collection.meshes[4]
+    shifted = skfmap.Correspondence(np.add(collection.truths[4].pairs, [1, 0]))
+    broken = unreferenced_vertex(sound.vertices.copy(), sound.faces.copy())
+    with pytest.warns(RepairWarning, match="removed 1 vertices that no face used"):
+        shapes = model[:-1].transform([broken])
+    (plain,) = model[-1].pair_errors(model[:-1].transform([sound]), collection.truths[4:5])
+    (mended,) = model[-1].pair_errors(shapes, [shifted])
+    np.testing.assert_array_equal(mended.vertices, plain.vertices + 1)
+    np.testing.assert_array_equal(mended.direct, plain.direct)
+    (p2p,) = model[-1].point_maps(shapes)
+    assert p2p[0] == -1
+    np.testing.assert_array_equal(p2p[1:], model[-1].point_maps(model[:-1].transform([sound]))[0])
+
+
+def test_faults_that_only_a_check_sees():
+    vertices = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]])
+    tetrahedron = np.array([[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]])
+    bow = np.concatenate([vertices, vertices[1:] * -1])
+    two = np.concatenate([tetrahedron, np.array([[0, 4, 5], [0, 6, 4], [0, 5, 6], [4, 6, 5]])])
+    assert [fault.kind for fault in check_mesh((bow, two)).faults] == [
+        "vertices where parts of the surface touch in a point"
+    ]
+    ring = [[0, 1, 2], [1, 3, 2], [2, 3, 4], [3, 5, 4], [4, 5, 1], [5, 0, 1]]  # a band with half a twist
+    strip = np.array([[np.cos(t), np.sin(t), z] for t in (0, 2.1, 4.2) for z in (0.0, 0.4)])
+    assert "cannot be wound consistently" in str(check_mesh((strip, np.array(ring))))
+    assert "unreadable" in str(check_mesh("no/such/file.off"))
+    assert check_mesh(Mesh(vertices, tetrahedron)).faults == ()
+
+
+@pytest.mark.parametrize("wrong", ["mesh", 3, None, (1, 2, 3), ([["a", "b", "c"]], [[0, 1, 2]])])
+def test_what_is_no_mesh_is_said_to_be_none(wrong):
+    assert not check_mesh(wrong).usable("robust")
+    with pytest.raises((MeshError, OSError)):
+        repair_mesh(wrong)
