@@ -4,7 +4,7 @@ from functools import lru_cache
 from types import SimpleNamespace
 
 import numpy as np
-from layers import modules_of, read_layers
+from layers import read_layers
 from matplotlib import pyplot as plt
 from matplotlib.patches import FancyBboxPatch
 
@@ -255,11 +255,10 @@ def layers():
                 linewidth=0.8,
             )
             ax.add_patch(box)
-            text = name if len(names) > 1 else f"{name}: {_summary(name)}"
             ax.text(
                 (place + 0.5) * width,
                 height + 0.48,
-                text,
+                name,
                 ha="center",
                 va="center",
                 fontsize=9 if len(names) == 1 else 8 if len(names) < 6 else 7,
@@ -272,20 +271,11 @@ def layers():
 _FLOW = ("io", "basis", "descriptors", "learner", "shapes")
 
 
-def _summary(name, most=58):
-    """Return the beginning of a module's own description."""
-    line = modules_of(name)[0][1].rstrip(".")
-    for stop in (":", ";", ",", " of ", " that "):
-        if len(line) > most:
-            line = line.split(stop)[0]
-    return line[0].lower() + line[1:]
-
-
 def flow():
     """Draw the paper's figure 2: learning above, a new shape below."""
     steps = ["meshes", "SpectralBasis", "DescriptorTransformer", "WeightedFunctionalMapLearner"]
     above = ["", "eigenfunctions", "probe functions G", "fit: weights D, stable basis Y"]
-    below = ["", "eigenfunctions", "probe functions G", "predict, match: X(D) Y, points, errors"]
+    below = ["", "eigenfunctions", "probe functions G", "predict, match: X(D) Y,\npoints and errors"]
     _, ax = plt.subplots(figsize=(8.5, 2.4), layout="constrained")
     for row, (who, texts) in enumerate((("new shape", below), ("collection with\ncorrespondences", above))):
         for place, (step, text) in enumerate(zip(steps, texts, strict=True)):
