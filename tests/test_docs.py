@@ -89,6 +89,8 @@ _ELSEWHERE = {
     *("descriptors.DescriptorTransformer", "functional.basis_error", "metrics.ERROR_KINDS", "io.MESH_SUFFIXES"),
     *("report.thin_out", "persistence.TRUSTED_TYPES", "io.as_mesh", "io.as_meshes"),
     *("ground_truth.KnownMap", "ground_truth.join_with_reference", "ground_truth.known_maps"),
+    *("ground_truth.check_landmarks", "health.check_mesh", "health.repair_mesh"),
+    *("io.check_meshes", "io.n_vertices_of", "io.named"),
 }
 
 
