@@ -1,6 +1,7 @@
 """Reading and writing meshes, vertex order kept. Trimesh is imported when a file is read or written, not before."""
 
 import io
+import logging
 import re
 import sys
 from collections.abc import Sequence
@@ -31,6 +32,12 @@ MESH_SUFFIXES = (".off", ".obj", ".ply", ".stl")
 _READ_OPTIONS: dict[str, dict[str, bool]] = {
     ".obj": {"maintain_order": True, "group_material": False, "skip_materials": True}
 }
+
+
+# Faces of OBJ files: their lines, what follows a vertex there, and those that name vertex 0.
+_FACE_LINE = re.compile(rb"^[ \t]*f[ \t][^\n]*", re.MULTILINE)
+_AFTER_SLASH = re.compile(rb"/[^\s]*")
+_ZERO_INDEX = re.compile(rb"^[ \t]*f[ \t]+(?:[^\n]*[ \t])?0+(?=\s|$)[^\n]*", re.MULTILINE)
 
 
 def read_mesh(path: str | Path) -> Mesh:
@@ -64,9 +71,12 @@ def read_mesh(path: str | Path) -> Mesh:
         raise FileNotFoundError(f"There is no mesh file {path}.")
     import trimesh  # noqa: PLC0415
 
+    logging.getLogger("trimesh").addHandler(logging.NullHandler())  # it writes tracebacks where nobody listens
     content = path.read_bytes()
     if suffix == ".off":
         content = _without_comments(content)
+    if suffix == ".obj":
+        content = _FACE_LINE.sub(_vertices_alone, content)
     try:
         loaded = trimesh.load(
             io.BytesIO(content), file_type=suffix[1:], process=False, force="mesh", **_READ_OPTIONS.get(suffix, {})
@@ -76,7 +86,9 @@ def read_mesh(path: str | Path) -> Mesh:
         raise MeshError(f"{path} cannot be read as a triangle mesh: {type(error).__name__}: {error}.") from error
     if suffix == ".stl":
         vertices, faces = _weld(vertices, faces)
-    _check_counts(path, _stored_counts(content, suffix), len(vertices), len(faces))
+    stored = _stored_counts(content, suffix)
+    _check_counts(path, stored, len(vertices), len(faces))
+    _check_face_lines(path, content, suffix, stored)
     return Mesh(vertices, faces, name=path.stem)
 
 
@@ -173,6 +185,11 @@ def _without_comments(content: bytes) -> bytes:
     return b"\n".join(line for line in lines if line) + b"\n"
 
 
+def _vertices_alone(line: re.Match[bytes]) -> bytes:
+    """Return a face of an OBJ file without texture and normals: the reader errs where its corners differ in form."""
+    return _AFTER_SLASH.sub(b"", line[0])
+
+
 def _check_counts(path: Path, stored: tuple[int, int] | None, n_vertices: int, n_faces: int) -> None:
     if stored is None:
         return
@@ -183,6 +200,32 @@ def _check_counts(path: Path, stored: tuple[int, int] | None, n_vertices: int, n
         )
     if n_faces < stored[1]:
         raise MeshError(f"{path} says that it holds {stored[1]} faces, but {n_faces} were read; the file is truncated.")
+
+
+def _check_face_lines(path: Path, content: bytes, suffix: str, stored: tuple[int, int] | None) -> None:
+    """Raise where a face does not say what it should, which the reader takes for another face without a word."""
+    if suffix == ".obj" and (zero := _ZERO_INDEX.search(content)):
+        raise MeshError(f"{path} has a face with vertex 0 ({zero[0].strip()[:60]!r}); OBJ files count from 1.")
+    for line in _lines_of_faces(content, suffix, stored):
+        numbers = line.split()
+        if numbers and numbers[0].isdigit() and int(numbers[0]) > len(numbers) - 1:
+            raise MeshError(f"{path} has a face that is cut short: {line[:60]!r} says {int(numbers[0])} vertices.")
+
+
+def _lines_of_faces(content: bytes, suffix: str, stored: tuple[int, int] | None) -> list[bytes]:
+    """Return the lines of a text file that begin with the number of vertices of a face, as far as that is plain."""
+    if stored is None or suffix not in (".off", ".ply"):
+        return []
+    if suffix == ".off":
+        lines = content.splitlines()
+        return lines[-stored[1] :] if 1 <= len(lines) - sum(stored) <= 2 and stored[1] else []
+    head, _, body = content.partition(b"end_header")
+    elements = re.findall(rb"^element (\w+)", head, re.MULTILINE)
+    list_first = re.search(rb"^element face \d+\s+property list", head, re.MULTILINE)
+    if b"format ascii" not in head or elements != [b"vertex", b"face"] or not list_first:
+        return []
+    lines = [line for line in body.splitlines() if line.strip()]
+    return lines[stored[0] : sum(stored)]
 
 
 def _stored_counts(content: bytes, suffix: str) -> tuple[int, int] | None:

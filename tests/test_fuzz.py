@@ -1,0 +1,189 @@
+"""Hostile files: an error of our own within a second, or the mesh that the file holds; memory bounded by its size."""
+
+import os
+import random
+import struct
+import subprocess
+import sys
+import time
+import tracemalloc
+
+import numpy as np
+import pytest
+import trimesh
+
+from skfmap import Mesh
+from skfmap.datasets import make_sphere
+from skfmap.exceptions import MeshError
+from skfmap.io import read_mesh
+
+_TRIANGLE = b"0 0 0\n1 0 0\n0 1 0\n"
+_FACE_LIST = b"property list uchar int vertex_indices"
+
+
+def _ply(n_vertices, n_faces, text_format=b"ascii", faces=_FACE_LIST, first=b""):
+    head = b"ply\nformat " + text_format + b" 1.0\n" + first + b"element vertex " + n_vertices
+    return (
+        head
+        + b"\nproperty float x\nproperty float y\nproperty float z\nelement face "
+        + n_faces
+        + b"\n"
+        + (faces + b"\nend_header\n")
+    )
+
+
+_OBJ = b"v 0 0 0\nv 1 0 0\nv 0 1 0\n"
+HOSTILE = {
+    "vertices.off": b"OFF\n2000000000 1 0\n" + _TRIANGLE + b"3 0 1 2\n",
+    "faces.off": b"OFF\n3 2000000000 0\n" + _TRIANGLE + b"3 0 1 2\n",
+    "polygon.off": b"OFF\n3 1 0\n" + _TRIANGLE + b"1000000000 0 1 2\n",
+    "cut-short.off": b"OFF\n3 1 0\n" + _TRIANGLE + b"4 0 1 2\n",
+    "negative.off": b"OFF\n-3 -1 0\n" + _TRIANGLE + b"3 0 1 2\n",
+    "fraction.off": b"OFF\n3.5 1 0\n" + _TRIANGLE + b"3 0 1 2\n",
+    "words.off": b"OFF\nthree one zero\n" + _TRIANGLE,
+    "empty.off": b"",
+    "header.off": b"OFF",
+    "zeros.off": b"\0" * 1000,
+    "binary.off": b"OFF BINARY\n" + bytes(range(256)) * 4,
+    "overflow.off": b"OFF\n3 1 0\n1e400 0 0\n1 0 0\n0 1 0\n3 0 1 2\n",
+    "index.off": b"OFF\n3 1 0\n" + _TRIANGLE + b"3 0 1 99999999999999999999\n",
+    "zipped.off": b"\x1f\x8b\x08\x00" + b"\0" * 100,
+    "utf16.off": (b"OFF\n3 1 0\n" + _TRIANGLE + b"3 0 1 2\n").decode().encode("utf-16"),
+    "vertices.ply": _ply(b"4000000000", b"1", b"binary_little_endian") + b"\0" * 100,
+    "text-vertices.ply": _ply(b"4000000000", b"1") + _TRIANGLE + b"3 0 1 2\n",
+    "list.ply": _ply(b"3", b"1", b"binary_little_endian", b"property list uint int vertex_indices")
+    + np.zeros((3, 3), "<f4").tobytes()
+    + struct.pack("<I", 4_000_000_000)
+    + b"\0" * 12,
+    "cut-short.ply": _ply(b"3", b"1") + _TRIANGLE + b"5 0 1 2\n",
+    "negative.ply": _ply(b"-3", b"1") + _TRIANGLE,
+    "negative-index.ply": _ply(b"3", b"1") + _TRIANGLE + b"3 -1 0 1\n",
+    "endless.ply": b"ply\nformat ascii 1.0\nelement vertex 3\n" + b"property float x\n" * 20_000,
+    "long-line.ply": b"ply\n" + b"comment " + b"x" * 2_000_000,
+    "type.ply": b"ply\nformat ascii 1.0\nelement vertex 3\nproperty banana x\nend_header\n" + _TRIANGLE,
+    "index.obj": _OBJ + b"f 1 2 99999999999\n",
+    "zero.obj": _OBJ + b"f 0 1 2\n",
+    "zero-texture.obj": _OBJ + b"f 1/1 0/2 3/3\n",
+    "negative.obj": _OBJ + b"f -5 1 2\n",
+    "nan.obj": b"v nan 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n",
+    "spaces.obj": b"v" + b" " * 1_000_000 + b"1",
+    "lines.obj": (b" " * 1000 + b"\n") * 2000,
+    "utf16.obj": (_OBJ + b"f 1 2 3\n").decode().encode("utf-16"),
+    "count.stl": b"\0" * 80 + struct.pack("<I", 4_000_000_000) + b"\0" * 200,
+    "truncated.stl": b"\0" * 80 + struct.pack("<I", 2) + b"\0" * 60,
+    "solid.stl": b"solid x\n" + b"facet normal 0 0 0\n" * 20_000,
+}
+UNUSUAL = {
+    "crlf.off": b"OFF\r\n3 1 0\r\n0 0 0\r\n1 0 0\r\n0 1 0\r\n3 0 1 2\r\n",
+    "cr.off": b"OFF\r3 1 0\r0 0 0\r1 0 0\r0 1 0\r3 0 1 2\r",
+    "mark.off": b"\xef\xbb\xbfOFF\n3 1 0\n" + _TRIANGLE + b"3 0 1 2\n",
+    "one-line.off": b"OFF 3 1 0\n" + _TRIANGLE + b"3 0 1 2\n",
+    "colours.off": b"OFF\n3 1 0\n" + _TRIANGLE + b"3 0 1 2 255 0 0\n",
+    "relative.obj": _OBJ + b"f -3 -2 -1\n",
+    "slashes.obj": _OBJ + b"f 1//1 2/2 3\n",
+    "texture-zero.obj": _OBJ + b"f 1/0 2/0 3/0\n",
+    "path.obj": b"mtllib ../../../../etc/passwd\nusemtl x\n" + _OBJ + b"f 1 2 3\n",
+    "path.ply": _ply(b"3", b"1", first=b"comment TextureFile ../../../etc/passwd\n") + _TRIANGLE + b"3 0 1 2\n",
+}
+
+
+def _read(path, content):
+    """Read a file, hold time and memory to account, and return the mesh or the error."""
+    path.write_bytes(content)
+    tracemalloc.start()
+    started = time.perf_counter()
+    try:
+        return read_mesh(path)
+    except MeshError as error:
+        return error
+    finally:
+        seconds, peak = time.perf_counter() - started, tracemalloc.get_traced_memory()[1]
+        tracemalloc.stop()
+        assert seconds < 5  # a second on a quiet machine
+        assert peak < 100 * len(content) + 3e7
+
+
+@pytest.fixture(autouse=True, scope="module")
+def _reader():
+    """Import the reader before time counts."""
+    assert trimesh
+
+
+@pytest.mark.parametrize("name", HOSTILE)
+def test_a_hostile_file_is_an_error_of_our_own(tmp_path, name):
+    error = _read(tmp_path / name, HOSTILE[name])
+    assert isinstance(error, MeshError)
+    assert name.split(".")[0] in str(error)
+
+
+@pytest.mark.parametrize("name", UNUSUAL)
+def test_an_unusual_file_is_read(tmp_path, name):
+    mesh = _read(tmp_path / name, UNUSUAL[name])
+    np.testing.assert_array_equal(mesh.vertices, [[0, 0, 0], [1, 0, 0], [0, 1, 0]])
+    np.testing.assert_array_equal(mesh.faces, [[0, 1, 2]])
+
+
+_NUMBERS = (b"-1", b"0", b"999999999999", b"1e400", b"nan", b"inf", b"0x10", b"4294967296", b"", b"1.5", b"\xff\xfe")
+_ENCODINGS = ("utf-16", "utf-8-sig", "utf-32")
+
+
+def _mutated(content, rng):
+    """Return a file that was truncated, overwritten, spliced, recoded, or had its counts changed."""
+    for _ in range(rng.randint(1, 4)):
+        at = rng.randrange(len(content) + 1)
+        end = min(len(content), at + rng.randint(1, 300))
+        kind = rng.randrange(7)
+        if kind == 0:
+            content = content[:at]
+        elif kind == 1:
+            content = content[:at] + bytes(rng.randrange(256) for _ in range(end - at)) + content[end:]
+        elif kind == 2:
+            content = content[:at] + bytes(rng.randrange(256) for _ in range(20)) + content[at:]
+        elif kind == 3:
+            words = content[:400].split(b" ")
+            words[rng.randrange(len(words))] = rng.choice(_NUMBERS)
+            content = b" ".join(words) + content[400:]
+        elif kind == 4:
+            content = content[:at] + content[end:]
+        elif kind == 5:
+            content = content[:end] + content[at:]
+        else:
+            content = content.decode("latin1").encode(rng.choice(_ENCODINGS))
+    return content
+
+
+def _seed_files():
+    sphere = make_sphere(n_subdivisions=2)
+    sound = trimesh.Trimesh(sphere.vertices, sphere.faces, process=False)
+    kinds = {
+        "off": [{}],
+        "obj": [{}],
+        "ply": [{"encoding": "binary"}, {"encoding": "ascii"}],
+        "stl": [{}],
+        "stl_ascii": [{}],
+    }
+    for kind, options in kinds.items():
+        for option in options:
+            content = sound.export(file_type=kind, **option)
+            yield kind.removesuffix("_ascii"), content if isinstance(content, bytes) else content.encode()
+
+
+# SKFMAP_FUZZ=10000 for more.
+_N_MUTATIONS = int(os.environ.get("SKFMAP_FUZZ", "60"))
+
+
+@pytest.mark.parametrize(("suffix", "content"), list(_seed_files()))
+def test_mutated_files_are_meshes_or_errors_of_our_own(tmp_path, suffix, content):
+    rng = random.Random(content[:200])
+    for _ in range(_N_MUTATIONS):
+        outcome = _read(tmp_path / f"fuzz.{suffix}", _mutated(content, rng))
+        assert isinstance(outcome, (Mesh, MeshError))
+
+
+def test_the_reader_says_nothing_on_the_side(tmp_path):
+    """Trimesh logs tracebacks where nobody listens."""
+    path = tmp_path / "f.stl"
+    path.write_bytes(HOSTILE["solid.stl"])
+    code = f"from skfmap.io import read_mesh\ntry:\n    read_mesh({str(path)!r})\nexcept ValueError:\n    pass"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert (done.stdout, done.stderr) == ("", "")
