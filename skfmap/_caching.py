@@ -2,6 +2,7 @@
 
 import hashlib
 import inspect
+import warnings
 from collections.abc import Callable
 from functools import lru_cache
 from pathlib import Path
@@ -11,6 +12,8 @@ import joblib
 import numpy as np
 from filelock import FileLock
 from sklearn.utils.validation import check_memory
+
+from skfmap.exceptions import CacheWarning
 
 __all__ = ["cached", "code_of", "hash_of_arrays"]
 
@@ -41,7 +44,7 @@ def cached(function: Callable[..., Any], memory: Any) -> Callable[..., Any]:
         Takes the same arguments. While one process computes a result, others that ask for it wait.
     """
     # What is kept was computed by some version of this package, not only of `function`: the key holds its code.
-    store = check_memory(str(memory) if isinstance(memory, Path) else memory)
+    store = _store_of(memory)
     if store.location is None:
         return function
     remembered = store.cache(function, ignore=[function.__code__.co_varnames[0]])
@@ -50,12 +53,42 @@ def cached(function: Callable[..., Any], memory: Any) -> Callable[..., Any]:
         key = (f"{content_hash}-{_code_of_package()}", *rest)
         if remembered.check_call_in_cache(content, *key):
             return remembered(content, *key)
-        locks = Path(store.location) / "skfmap-locks"
-        locks.mkdir(parents=True, exist_ok=True)
-        with FileLock(locks / f"{joblib.hash((function.__qualname__, key))}.lock"):
+        lock = _lock(store.location, joblib.hash((function.__qualname__, key)))
+        if lock is None:
+            return function(content, content_hash, *rest)
+        with lock:
             return remembered(content, *key)
 
     return recall
+
+
+def _store_of(memory: Any) -> Any:
+    """Return a joblib.Memory; one that cannot be is an error that says so."""
+    try:
+        return check_memory(str(memory) if isinstance(memory, Path) else memory)
+    except OSError as error:
+        raise ValueError(
+            f"memory={memory!r} cannot hold a cache: {error}. Give a folder that can be written to, or None."
+        ) from error
+
+
+def _lock(location: str, name: str) -> FileLock | None:
+    """Return a lock that is not yet held, or None with a warning where nothing can be written."""
+    folder = Path(location) / "skfmap-locks"
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        lock = FileLock(folder / f"{name}.lock")
+        with lock:  # whether it can be had at all
+            pass
+    except OSError as error:
+        warnings.warn(
+            f"The cache {location} cannot be written to ({error}): what it holds is used, what it does not hold is "
+            "computed and not kept.",
+            CacheWarning,
+            stacklevel=4,
+        )
+        return None
+    return lock
 
 
 def code_of(item: Any) -> str | None:

@@ -1,6 +1,7 @@
 """Errors and warnings that skfmap raises; each message names the shape, the fault and the remedy."""
 
 __all__ = [
+    "CacheWarning",
     "CorrespondenceError",
     "CoverageWarning",
     "MeshError",
@@ -9,6 +10,10 @@ __all__ = [
     "SkippedShapeWarning",
     "VersionWarning",
 ]
+
+
+class CacheWarning(UserWarning):
+    """Results cannot be kept in ``memory``; they are computed again each time."""
 
 
 class MeshError(ValueError):
