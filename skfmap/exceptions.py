@@ -8,6 +8,7 @@ __all__ = [
     "OrientationWarning",
     "RepairWarning",
     "SkippedShapeWarning",
+    "StabilityWarning",
     "VersionWarning",
 ]
 
@@ -42,3 +43,7 @@ class RepairWarning(UserWarning):
 
 class SkippedShapeWarning(UserWarning):
     """Shapes were left out because they cannot be used; they keep their places."""
+
+
+class StabilityWarning(UserWarning):
+    """What was learned carries hardly any function where it belongs, or has weights at their bounds."""

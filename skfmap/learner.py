@@ -36,8 +36,9 @@ from skfmap._typing import FloatArray, IntArray
 from skfmap._unwrap import learner_and_shapes
 from skfmap._validation import check_choice, check_number, label
 from skfmap._version import Versioned
-from skfmap.exceptions import CorrespondenceError, MeshError
+from skfmap.exceptions import CorrespondenceError, MeshError, StabilityWarning
 from skfmap.functional.learning import LearnedMaps, learn_functional_maps
+from skfmap.functional.optimize import LOG_WEIGHT_BOUND
 from skfmap.functional.regularization import LEARNED, REGULARIZERS
 from skfmap.functional.weighting import WEIGHTINGS
 from skfmap.ground_truth import check_landmarks, join_with_reference, known_maps
@@ -46,6 +47,8 @@ from skfmap.shapes import Correspondence, Match, ProbedShape, SkippedShape
 
 __all__ = ["WeightedFunctionalMapLearner", "functional_maps", "match"]
 
+# Where even the most stable function is missed by so much of its norm, nothing was learned.
+_UNSTABLE = 0.7
 # References up to this many vertices have all their distances computed for a score.
 _N_ALL_ROWS = 8000
 
@@ -253,6 +256,10 @@ class WeightedFunctionalMapLearner(CallbackSupportMixin, Versioned, BaseEstimato
             If the correspondence of a shape takes its left for right, as that of a mirrored mesh does.
         ConvergenceWarning
             If the search stopped before it converged.
+        StabilityWarning
+            If no function maps stably, or many weights are at the bounds of the search.
+        SkippedShapeWarning
+            If shapes were left out.
         """
         self._check_parameters()
         given = check_shapes(X, self.n_functions)
@@ -278,6 +285,7 @@ class WeightedFunctionalMapLearner(CallbackSupportMixin, Versioned, BaseEstimato
             n_jobs=self.n_jobs,
         )
         warn_of_mirrored_training_shapes(training)
+        _warn_of_instability(fitted, np.stack([one.C for one in training.known]))
         fitted |= self._fit_bridge(training, [truths[i] for i in range(len(shapes)) if i != index], fitted)
         self.__dict__.update(fitted)  # at once, so that an interrupted fit leaves nothing behind
         task.end(fitted)
@@ -794,6 +802,32 @@ def _count_stable(n_stable: float | None, k: int) -> int:
     if isinstance(n_stable, (int, np.integer)):
         return int(check_number(n_stable, "n_stable", low=1, high=k, integer=True))
     return max(1, round(check_number(n_stable, "n_stable", low=0, high=1, strict=True) * k))
+
+
+def _warn_of_instability(fitted: Mapping[str, Any], known: FloatArray) -> None:
+    """Say it if nothing was learned that can be relied on, and what to change."""
+    images = np.linalg.norm(known @ fitted["stable_basis_"], axis=1).mean(axis=0)
+    missed = fitted["stability_"] / np.sqrt(fitted["_n_training"]) / np.maximum(images, 1e-300)
+    best = float(missed[1:].min())  # the constant function always maps
+    if best > _UNSTABLE:
+        warnings.warn(
+            f"No function maps stably: even the best is missed by {best:.2f} of its norm on the training shapes. Check "
+            "that the correspondences belong to their shapes (vertex numbers from 0, Correspondence.from_vertices or "
+            "from_template), and the winding of the meshes; or give other probes.",
+            StabilityWarning,
+            stacklevel=4,
+        )
+    logs = np.log(fitted["weights_"])
+    for n_bound, side, remedy in (
+        (int((logs >= LOG_WEIGHT_BOUND).sum()), "upper", "lower alpha"),
+        (int((logs <= -LOG_WEIGHT_BOUND).sum()), "lower", "raise alpha, or give more training shapes"),
+    ):
+        if n_bound > len(logs) / 2:
+            warnings.warn(
+                f"{n_bound} of {len(logs)} weights are at the {side} bound of the search; {remedy}.",
+                StabilityWarning,
+                stacklevel=4,
+            )
 
 
 def _as_given(errors: PairErrors, shape: ProbedShape) -> PairErrors:

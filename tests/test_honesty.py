@@ -1,0 +1,74 @@
+"""Where numbers cannot be had or believed, it is said, with what to change."""
+
+import numpy as np
+import pytest
+
+import skfmap.functional.eigenbasis
+from skfmap import Correspondence, SpectralBasis
+from skfmap.datasets import make_sphere
+from skfmap.exceptions import MeshError, StabilityWarning
+from skfmap.functional import RowSystems, learn_functional_maps
+from skfmap.learner import _warn_of_instability
+
+
+@pytest.fixture
+def arrays():
+    rng = np.random.default_rng(0)
+    evals = np.linspace(0, 10, 6)
+    return {
+        "probes_0": rng.normal(size=(6, 4)),
+        "probes": rng.normal(size=(2, 6, 4)),
+        "evals_0": evals,
+        "evals": np.stack([evals + 0.1, evals + 0.2]),
+        "maps": np.stack([np.eye(6)] * 2),
+    }
+
+
+def test_coefficients_that_overflow_are_named(arrays):
+    arrays["probes"] = arrays["probes"] * 1e200
+    arrays["probes"][0, 1, 1] = np.inf
+    with (
+        np.errstate(all="ignore"),
+        pytest.raises((ValueError, np.linalg.LinAlgError), match=r"extreme probe coefficients|NaN or infinite|finite"),
+    ):
+        learn_functional_maps(**arrays)
+
+
+def test_a_row_system_that_is_not_definite_says_what_to_raise():
+    with pytest.raises(np.linalg.LinAlgError, match="not positive definite; raise alpha"):
+        RowSystems(np.zeros((3, 3)), np.zeros((1, 3)))
+
+
+def test_an_eigen_solver_that_does_not_converge_is_an_error(monkeypatch):
+    monkeypatch.setattr(skfmap.functional.eigenbasis, "_MOST", 1.05)
+    monkeypatch.setattr(skfmap.functional.eigenbasis, "_FIRST_LOOK", 1.0)
+    with pytest.raises(MeshError, match=r"No eigenbasis for mesh.*did not converge"):
+        SpectralBasis(40).transform([make_sphere(4)])
+
+
+@pytest.mark.filterwarnings("ignore::skfmap.exceptions.CoverageWarning")
+@pytest.mark.filterwarnings("ignore::skfmap.exceptions.OrientationWarning")
+def test_correspondences_of_another_numbering_leave_nothing_stable(probed, collection, make_learner):
+    rng = np.random.default_rng(0)
+    shuffled = [
+        Correspondence(np.column_stack([rng.permutation(truth.pairs[:, 0]), truth.pairs[:, 1]]))
+        for truth in collection.truths[1:5]
+    ]
+    with pytest.warns(StabilityWarning, match=r"No function maps stably.*vertex numbers from 0"):
+        make_learner().fit(probed[:5], [collection.truths[0], *shuffled])
+
+
+def test_weights_at_their_bounds_are_told(fitted):
+    known = np.stack([np.eye(12)] * 4)
+    for logs, told in (
+        ([7.0, 7, 0], "upper bound of the search; lower alpha"),
+        ([-7.0, -7, 0], "lower .*; raise alpha"),
+    ):
+        attributes = {**vars(fitted), "weights_": np.exp(logs)}
+        with pytest.warns(StabilityWarning, match=f"2 of 3 weights are at the {told}"):
+            _warn_of_instability(attributes, known)
+
+
+def test_a_strength_that_leaves_no_room_for_probes_is_told(probed, collection, make_learner):
+    with pytest.warns(StabilityWarning, match="No function maps stably"):
+        make_learner(alpha=1e9).fit(probed[:5], collection.truths[:5])
