@@ -3,6 +3,7 @@
 import datetime
 import importlib.util
 import re
+import subprocess
 import tomllib
 from pathlib import Path
 
@@ -38,6 +39,28 @@ def test_a_change_of_the_package_needs_a_changelog_entry(changed, message, refus
     told = _script(".ci/changelog_entry.py").complaint(changed, message)
     assert (told is not None) == refused
     assert not refused or changed[0] in told
+
+
+def test_the_hook_reads_what_is_staged_and_lets_merges_pass(tmp_path, monkeypatch, capsys):
+    def git(*arguments):
+        subprocess.run(["git", *arguments], check=True, capture_output=True)
+
+    monkeypatch.chdir(tmp_path)
+    for variable in ("GIT_DIR", "GIT_INDEX_FILE", "GIT_WORK_TREE"):  # set where a hook runs the tests
+        monkeypatch.delenv(variable, raising=False)
+    main = _script(".ci/changelog_entry.py").main
+    git("init")
+    for name in ("skfmap/io.py", "docs/changelog.rst", "message"):
+        (tmp_path / name).parent.mkdir(exist_ok=True)
+        (tmp_path / name).write_text("text\n")
+    git("add", "skfmap/io.py")
+    assert main("message") == 1
+    assert "No-changelog: why" in capsys.readouterr().err
+    (tmp_path / ".git" / "MERGE_HEAD").touch()
+    assert main("message") == 0
+    (tmp_path / ".git" / "MERGE_HEAD").unlink()
+    git("add", "docs/changelog.rst")
+    assert main("message") == 0
 
 
 _CHANGELOG = (
