@@ -1,8 +1,17 @@
-"""Models in files: by skops, which looks at a file before anything in it runs."""
+"""Models in files: by skops, which looks at a file before anything in it runs; here, what it may hold."""
 
-from collections.abc import Sequence
+import copy
+import io
+import json
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
+from zipfile import ZIP_STORED, ZipFile
+
+import numpy as np
+import scipy.sparse as sp
+
+from skfmap.shapes import ProbedShape, SpectralShape
 
 __all__ = ["TRUSTED_TYPES", "load_model", "save_model"]
 
@@ -27,11 +36,24 @@ TRUSTED_TYPES = (
     "skfmap.shapes.ProbedShape",
     "skfmap.shapes.SpectralShape",
 )
-"""What a model of this package is made of beside numbers, arrays and scikit-learn's own classes."""
+"""What a model of this package is made of beside numbers, texts, containers, arrays and a scikit-learn pipeline."""
+
+_PLAIN_TYPES = {
+    *(f"builtins.{name}" for name in ("bool", "dict", "float", "int", "list", "str", "tuple")),
+    *(f"numpy.{name}" for name in ("bool", "dtype", "float64", "int32", "int64", "ndarray")),
+    "sklearn.pipeline.Pipeline",
+}
+# The ways of skops to make an object from a file. Those that call a function that the file names are not among them.
+_PLAIN_LOADERS = {
+    *("CachedNode", "ConstructorFromReduceNode", "DTypeNode", "DictNode", "JsonNode", "ListNode", "NdArrayNode"),
+    *("ObjectNode", "SparseMatrixNode", "TupleNode", "TypeNode"),
+}
 
 
 def save_model(model: Any, path: str | Path) -> None:
     """Write a fitted learner or pipeline to a file that `load_model` reads.
+
+    Caches (``memory``) belong to this machine and are left out.
 
     Parameters
     ----------
@@ -45,20 +67,28 @@ def save_model(model: Any, path: str | Path) -> None:
     ImportError
         If skops is not installed.
     """
-    _skops().dump(model, Path(path))
+    skops = _skops()
+    model = copy.deepcopy(model)
+    _set_memory(model, None)
+    skops.dump(model, Path(path))
 
 
-def load_model(path: str | Path, *, trusted: Sequence[str] = ()) -> Any:
+def load_model(path: str | Path, *, trusted: Sequence[str] = (), memory: Any = None) -> Any:
     """Read a model that `save_model` wrote; a file with anything but models in it is refused before it is loaded.
 
-    ``pickle`` and ``joblib.load`` run whatever code a file names; skops makes only objects of known types.
+    ``pickle`` and ``joblib.load`` run whatever code a file names; here only objects of known types are made, nothing is
+    called that the file names, and no other file is read: where the file names a cache (``memory``), which is read with
+    pickle, that is ignored.
 
     Parameters
     ----------
     path : str or Path
         The file.
     trusted : sequence of str
-        Further types and functions that may be made, by their full name: your own probe families and functions.
+        Further types and functions that may be made, by their full name: your own probe families and functions, or
+        other estimators of scikit-learn.
+    memory : None, str, Path or joblib.Memory
+        Cache for all steps of the model.
 
     Returns
     -------
@@ -69,8 +99,13 @@ def load_model(path: str | Path, *, trusted: Sequence[str] = ()) -> Any:
     ------
     ImportError
         If skops is not installed.
+    FileNotFoundError
+        If there is no such file.
     TypeError
         If the file holds types that are not trusted; the message names them.
+    ValueError
+        If it is not a file of `save_model`, is damaged, or is compressed, so that a small file could fill the memory;
+        or if parts of the model do not fit each other.
 
     Warns
     -----
@@ -87,15 +122,94 @@ def load_model(path: str | Path, *, trusted: Sequence[str] = ()) -> Any:
     >>> load_model(path)
     SpectralBasis(n_components=30)
     """
-    skops = _skops()
-    allowed = {*TRUSTED_TYPES, *trusted}
-    strange = sorted(set(skops.get_untrusted_types(file=Path(path))) - allowed)
+    skops, path = _skops(), Path(path)
+    if not path.is_file():
+        raise FileNotFoundError(f"There is no model file {path}.")
+    content, allowed = path.read_bytes(), {*TRUSTED_TYPES, *trusted}
+    try:
+        strange = _strange_types(_schema(content), allowed, set(trusted))
+        # Two lists that agree: ours, of what a model is made of, and that of skops, of what is dangerous.
+        strange |= set(skops.get_untrusted_types(data=content)) - allowed
+        model = None if strange else skops.loads(content, trusted=sorted(allowed))
+        _check_parts(model)
+    except Exception as error:
+        raise ValueError(
+            f"{path} is no sound file of save_model: {type(error).__name__}: {error}. Was it written by joblib or "
+            "pickle, which load_model does not read, or cut short on its way?"
+        ) from error
     if strange:
         raise TypeError(
-            f"{path} holds types that are no part of a model of skfmap: {', '.join(strange)}. If you know all of them "
-            "and trust whoever made the file, load it with trusted=[...] naming them."
+            f"{path} holds types that are no part of a model of skfmap: {', '.join(sorted(strange))}. If you know all "
+            "of them and trust whoever made the file, load it with trusted=[...] naming them."
         )
-    return skops.load(Path(path), trusted=sorted(allowed))
+    _set_memory(model, memory)
+    return model
+
+
+def _schema(content: bytes) -> Any:
+    """Return the tree of what a file holds, before anything is made of it."""
+    with ZipFile(io.BytesIO(content)) as archive:
+        if any(member.compress_type != ZIP_STORED for member in archive.infolist()):
+            raise ValueError("it is compressed, as save_model never writes it")
+        return json.loads(archive.read("schema.json"))
+
+
+def _strange_types(schema: Any, allowed: set[str], trusted: set[str]) -> set[str]:
+    """Return the full names of all types in a file that no model has, or that are made as no part of one is."""
+    strange = set()
+    for node in _nodes(schema):
+        name = f"{node['__module__']}.{node['__class__']}"
+        known = name in _PLAIN_TYPES or name in allowed
+        if not known or not (node["__loader__"] in _PLAIN_LOADERS or name in trusted):
+            strange.add(name)
+    return strange
+
+
+def _nodes(schema: Any) -> Iterator[dict[str, Any]]:
+    """Yield each description of an object in a tree of them."""
+    if isinstance(schema, dict):
+        if "__loader__" in schema:
+            yield schema
+        schema = list(schema.values())
+    if isinstance(schema, list):
+        for item in schema:
+            yield from _nodes(item)
+
+
+def _parts(item: Any, seen: dict[int, Any]) -> Iterator[Any]:
+    """Yield an object and all that it holds, each once."""
+    if id(item) in seen:
+        return
+    seen[id(item)] = item
+    yield item
+    inner = item.values() if isinstance(item, dict) else item if isinstance(item, (list, tuple)) else ()
+    for part in (*inner, *getattr(item, "__dict__", {}).values()):
+        yield from _parts(part, seen)
+
+
+def _set_memory(model: Any, memory: Any) -> None:
+    for part in _parts(model, {}):
+        if "memory" in getattr(part, "__dict__", {}):
+            part.memory = memory
+
+
+def _check_parts(model: Any) -> None:
+    """Raise where compiled code would trust what a file says: indices of sparse arrays, sizes that do not agree."""
+    for part in _parts(model, {}):
+        if sp.issparse(part):
+            part.check_format(full_check=True)
+        elif isinstance(part, SpectralShape):
+            n, k = part.mesh.n_vertices, len(part.evals)
+            _check_sizes(part.evecs, (n, k), "eigenfunctions")
+            _check_sizes(part.mass, (n,), "mass")
+            _check_sizes(part.stiffness, (n, n), "stiffness")
+        elif isinstance(part, ProbedShape):
+            _check_sizes(part.probes, (len(part.spectral.evals), len(part.probe_names)), "probes")
+
+
+def _check_sizes(array: Any, shape: tuple[int, ...], what: str) -> None:
+    if array.shape != shape or not np.issubdtype(array.dtype, np.floating):
+        raise ValueError(f"the {what} have shape {array.shape} and dtype {array.dtype}, not {shape} and floats")
 
 
 def _skops() -> Any:

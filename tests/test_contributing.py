@@ -63,6 +63,51 @@ def test_the_hook_reads_what_is_staged_and_lets_merges_pass(tmp_path, monkeypatc
     assert main("message") == 0
 
 
+def _advisories():
+    return tomllib.loads((ROOT / ".ci/advisories.toml").read_text(encoding="utf-8"))["advisory"]
+
+
+def test_no_version_that_is_allowed_has_a_known_vulnerability(project):
+    audit = _script(".ci/audit.py")
+    oldest = audit.floors(project["project"])
+    assert {item["package"] for item in _advisories()} <= set(oldest)
+    assert audit.affected(oldest, _advisories()) == []
+    assert audit.affected(audit.installed(), _advisories()) == []
+
+
+def test_an_audit_finds_what_is_affected():
+    audit = _script(".ci/audit.py")
+    told = audit.affected({"FileLock": "3.12.0", "skops": "0.13.0"}, _advisories())
+    assert [line.split(",")[0] for line in told] == [
+        "filelock 3.12.0: CVE-2025-68146",
+        "filelock 3.12.0: CVE-2026-22701",
+    ]
+    answer = {
+        "dependencies": [
+            {"name": "a", "version": "1", "vulns": [{"id": "CVE-1", "fix_versions": ["2"]}]},
+            {"name": "b", "version": "1", "vulns": []},
+            {"name": "c", "skip_reason": "not found"},
+        ]
+    }
+    assert audit.told_by_database(answer) == (["a 1: CVE-1; fixed in 2."], 2)
+
+
+@pytest.mark.parametrize(
+    ("answer", "options", "status"),
+    [
+        (([], 0), [], 1),
+        (([], 0), ["--without-database"], 0),
+        (([], 3), [], 0),
+        ((["a 1: CVE-1"], 3), ["--without-database"], 1),
+    ],
+)
+def test_an_audit_without_a_database_is_none(monkeypatch, capsys, answer, options, status):
+    audit = _script(".ci/audit.py")
+    monkeypatch.setattr(audit, "_ask_database", lambda versions: answer)
+    assert audit.main(options) == status
+    assert ("COULD NOT BE ASKED" in capsys.readouterr().out) == (answer[1] == 0)
+
+
 _CHANGELOG = (
     "Changelog\n=========\n\n1.2.0 (unreleased)\n------------------\n\nAdded\n\n- Something.\n\n1.1.0 (2025-01-01)\n"
 )

@@ -1,5 +1,6 @@
 """Hostile files: an error of our own within a second, or the mesh that the file holds; memory bounded by its size."""
 
+import io
 import os
 import random
 import struct
@@ -7,15 +8,16 @@ import subprocess
 import sys
 import time
 import tracemalloc
+import warnings
 
 import numpy as np
 import pytest
 import trimesh
 
-from skfmap import Mesh
-from skfmap.datasets import make_sphere
-from skfmap.exceptions import MeshError
-from skfmap.io import read_mesh
+from skfmap import Correspondence, Mesh
+from skfmap.datasets import load_collection, make_sphere
+from skfmap.exceptions import CorrespondenceError, MeshError
+from skfmap.io import read_mesh, write_mesh
 
 _TRIANGLE = b"0 0 0\n1 0 0\n0 1 0\n"
 _FACE_LIST = b"property list uchar int vertex_indices"
@@ -178,6 +180,114 @@ def test_mutated_files_are_meshes_or_errors_of_our_own(tmp_path, suffix, content
     for _ in range(_N_MUTATIONS):
         outcome = _read(tmp_path / f"fuzz.{suffix}", _mutated(content, rng))
         assert isinstance(outcome, (Mesh, MeshError))
+
+
+def _npy(values, head=None):
+    buffer = io.BytesIO()
+    np.save(buffer, values, allow_pickle=True)
+    content = buffer.getvalue()
+    if head is None:
+        return content
+    return content[:8] + len(head).to_bytes(2, "little") + head + content[10 + len(head) :]
+
+
+_N_VERTICES = 42
+_LISTED = np.arange(_N_VERTICES)
+
+
+def _archive():
+    buffer = io.BytesIO()
+    np.savez(buffer, a=_LISTED)
+    return buffer.getvalue()
+
+
+HOSTILE_TRUTHS = {
+    "f.vts": b"0\n1\n",
+    "f.vertices.txt": b"1e300\n" * _N_VERTICES,
+    "f.template.txt": b"1e300\n1\n",
+    "f.txt": b"0 0\n1 18446744073709551615\n",
+    "f.vertices.npy": _npy(np.full(_N_VERTICES, 2**64 - 1, dtype=np.uint64)),
+    "f.template.npy": _npy(np.array([print], dtype=object)),
+    "f.npy": _archive(),
+    "big/f.npy": _npy(_LISTED, b"{'descr': '<i8', 'fortran_order': False, 'shape': (1000000000000,)}"),
+    "deep/f.npy": _npy(_LISTED, b"(" * 5000),
+    "minus/f.npy": _npy(_LISTED, b"{'descr': '<i8', 'fortran_order': False, 'shape': (-3,)}"),
+    "structured/f.npy": _npy(np.zeros(3, dtype=[("a", "<i8"), ("b", "<i8")])),
+    "complex/f.npy": _npy(np.zeros((3, 2), dtype=complex)),
+    "times/f.npy": _npy(np.zeros((3, 2), dtype="M8[s]")),
+    "utf16/f.vts": "1\n2\n".encode("utf-16"),
+    "words/f.txt": b"one two\n",
+    "ragged/f.txt": b"1 2\n3\n",
+    "negative/f.vts": b"-1\n",
+    "code/f.txt": b"__import__('os').system('true') 1\n",
+}
+
+
+def _read_truth(folder, name, content):
+    folder.mkdir(exist_ok=True, parents=True)
+    (folder / name).write_bytes(content)
+    start = time.perf_counter()
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("error")
+            (outcome,) = load_collection(folder).correspondences
+    except CorrespondenceError as error:
+        outcome = error
+    assert isinstance(outcome, Correspondence) or name in str(outcome)
+    assert time.perf_counter() - start < 1
+    return outcome
+
+
+def _mesh_in(folder):
+    folder.mkdir(exist_ok=True, parents=True)
+    write_mesh(make_sphere(n_subdivisions=1), folder / "f.off")
+
+
+@pytest.mark.parametrize("name", HOSTILE_TRUTHS)
+def test_hostile_correspondences_are_errors_of_our_own(tmp_path, name):
+    folder = (tmp_path / name).parent
+    _mesh_in(folder)
+    assert isinstance(_read_truth(folder, (tmp_path / name).name, HOSTILE_TRUTHS[name]), CorrespondenceError)
+
+
+@pytest.mark.parametrize(
+    ("name", "content"),
+    [
+        ("f.vts", b"\n".join(b"%d" % (i + 1) for i in range(30))),
+        ("f.vertices.txt", b"\n".join(b"%d" % i for i in range(_N_VERTICES))),
+        ("f.txt", b"\n".join(b"%d %d" % (i, 2 * i) for i in range(30))),
+        ("f.template.npy", _npy(_LISTED[::-1])),
+        ("f.npy", _npy(np.column_stack([_LISTED, _LISTED]).astype(np.int32))),
+    ],
+)
+def test_mutated_correspondences_fit_the_mesh_or_are_errors(tmp_path, name, content):
+    _mesh_in(tmp_path)
+    rng = random.Random(content)
+    for _ in range(_N_MUTATIONS):
+        outcome = _read_truth(tmp_path, name, _mutated(content, rng))
+        if isinstance(outcome, Correspondence):
+            assert outcome.pairs.min(initial=0) >= 0
+            assert outcome.pairs[:, 0].max(initial=0) < _N_VERTICES
+        else:
+            assert isinstance(outcome, CorrespondenceError)
+
+
+@pytest.mark.parametrize(
+    ("name", "content"),
+    [
+        ("f.obj", b"mtllib secret.mtl\nusemtl x\n" + _OBJ + b"f 1 2 3\n"),
+        ("f.ply", _ply(b"3", b"1", first=b"comment TextureFile secret.mtl\n") + _TRIANGLE + b"3 0 1 2\n"),
+    ],
+)
+def test_no_path_is_taken_from_a_file(tmp_path, name, content):
+    """A mesh that names another file, which is a pipe that nobody writes to: whoever opens it waits for ever."""
+    os.mkfifo(tmp_path / "secret.mtl")
+    (tmp_path / name).write_bytes(content)
+    code = f"from skfmap.io import read_mesh; print(read_mesh({str(tmp_path / name)!r}).n_faces)"
+    done = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, check=True, timeout=60, cwd=tmp_path
+    )
+    assert done.stdout == "1\n"
 
 
 def test_the_reader_says_nothing_on_the_side(tmp_path):

@@ -116,7 +116,7 @@ def height(shape):
 def test_a_file_with_strange_things_in_it_is_refused_before_it_is_loaded(tmp_path):
     path = tmp_path / "model.skops"
     save_model(FunctionTransformer(subprocess.run), path)
-    with pytest.raises(TypeError, match=r"no part of a model of skfmap: subprocess\.run"):
+    with pytest.raises(TypeError, match=r"no part of a model of skfmap: .*FunctionTransformer, subprocess\.run"):
         load_model(path)
     save_model(FunctionProbes(height), path)
     with pytest.raises(TypeError, match="height"):

@@ -1,5 +1,6 @@
 """Collections of shapes in a folder."""
 
+import io
 import re
 from pathlib import Path
 from typing import Any
@@ -106,6 +107,8 @@ def load_collection(
     )
 
 
+_LARGEST = 2**53  # whole numbers beyond are not exact as floats, which text is read as
+
 # What stands beside a shape that is left out.
 _NONE = Correspondence(np.empty((0, 2), dtype=np.int64))
 
@@ -200,16 +203,22 @@ def _read_vts(path: Path, mesh: Mesh) -> IntArray:
 
 
 def _read_integers(path: Path) -> IntArray:
-    if not path.read_bytes().strip():
+    content = path.read_bytes()
+    if not content.strip():
         raise CorrespondenceError(f"{path} is empty.")
     try:
-        values = np.load(path, allow_pickle=False) if path.suffix == ".npy" else np.loadtxt(path)
-    except (ValueError, OSError, EOFError) as error:
-        raise CorrespondenceError(f"{path} cannot be read as numbers: {error}.") from error
+        file = io.BytesIO(content)
+        values = np.load(file, allow_pickle=False) if path.suffix == ".npy" else np.loadtxt(file)
+    except Exception as error:
+        raise CorrespondenceError(f"{path} cannot be read as numbers: {type(error).__name__}: {error}.") from error
+    if not isinstance(values, np.ndarray):
+        raise CorrespondenceError(f"{path} holds an archive of arrays (.npz); save the one array that is meant.")
     if values.size == 0:
         raise CorrespondenceError(f"{path} is empty.")
     if values.dtype.kind not in "iuf" or not (np.isfinite(values) & (values == np.round(values))).all():
         raise CorrespondenceError(f"{path} must hold whole numbers.")
+    if np.abs(values.astype(np.float64)).max() > _LARGEST:
+        raise CorrespondenceError(f"{path} holds numbers that no vertex has: {values.min():g} to {values.max():g}.")
     return values.astype(np.int64)
 
 
@@ -222,7 +231,10 @@ def _of_kind(kind: str, values: IntArray, path: Path, mesh: Mesh) -> Corresponde
                 f"{path.stem}.template{path.suffix} (vertex of each template point)."
             )
         check_index_range(values[:, 0], mesh.n_vertices, f"The pairs of {path}")
-        return Correspondence(values)
+        try:
+            return Correspondence(values)
+        except CorrespondenceError as error:
+            raise CorrespondenceError(f"{path}: {error}") from None
     if kind == "template":
         check_index_range(values[values >= 0], mesh.n_vertices, f"The entries of {path}")
         return Correspondence.from_template(values)
