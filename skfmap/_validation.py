@@ -7,10 +7,11 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from skfmap._typing import FloatArray, IntArray
+from skfmap._typing import BoolArray, FloatArray, IntArray
 from skfmap.exceptions import CorrespondenceError, MeshError
 
 __all__ = [
+    "LARGEST_COORDINATE",
     "check_choice",
     "check_faces",
     "check_index_range",
@@ -18,9 +19,13 @@ __all__ = [
     "check_pairs",
     "check_samples",
     "check_vertices",
+    "has_place",
     "label",
     "read_only",
 ]
+
+# Squares of areas of larger triangles overflow.
+LARGEST_COORDINATE = 1e75
 
 
 def label(name: str | None, fallback: str = "mesh") -> str:
@@ -45,13 +50,19 @@ def check_vertices(vertices: object, who: str) -> FloatArray:
         raise MeshError(f"The vertices of {who} must have shape (n_vertices, 3); got {out.shape}.")
     if len(out) == 0:
         raise MeshError(f"{who} has no vertices; leave it out of the collection.")
-    bad = np.flatnonzero(~np.isfinite(out).all(axis=1))
+    bad = np.flatnonzero(~has_place(out))
     if len(bad):
         raise MeshError(
-            f"{who} has {len(bad)} vertices with NaN or infinite coordinates, the first is vertex {bad[0]}; "
-            "mend or remove them (and renumber faces and correspondences) before loading."
+            f"{who} has {len(bad)} vertices with NaN or infinite coordinates (beyond {LARGEST_COORDINATE:.0e} areas "
+            f"overflow), the first is vertex {bad[0]}; mend or remove them (and renumber faces and correspondences) "
+            "before loading."
         )
     return out
+
+
+def has_place(vertices: FloatArray) -> BoolArray:
+    """Return which vertices have coordinates that can be computed with: not NaN, and not beyond what areas can hold."""
+    return np.asarray((np.abs(vertices) <= LARGEST_COORDINATE).all(axis=1))
 
 
 def check_faces(faces: object, n_vertices: int, who: str) -> IntArray:

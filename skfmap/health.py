@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from skfmap._typing import BoolArray, FloatArray, IntArray
-from skfmap._validation import label
+from skfmap._validation import LARGEST_COORDINATE, has_place, label
 from skfmap.exceptions import MeshError
 from skfmap.geometry.faults import (
     components,
@@ -162,7 +162,7 @@ def _raw(mesh: Any) -> tuple[FloatArray, IntArray, str | None]:
 
 def _sound_faces(vertices: FloatArray, faces: IntArray) -> BoolArray:
     """Return which faces name three different vertices that exist and have a place."""
-    placed = np.append(np.isfinite(vertices).all(axis=1), False)  # the last for whatever does not exist
+    placed = np.append(has_place(vertices), False)  # the last for whatever does not exist
     inside = (faces >= 0) & (faces < len(vertices))
     sound = np.asarray(placed[np.where(inside, faces, -1)].all(axis=1))
     sound[repeated_corners(faces)] = False
@@ -186,8 +186,8 @@ def _faults_of_arrays(vertices: FloatArray, faces: IntArray) -> list[Fault]:
         *_fault(
             "vertices with NaN or infinite coordinates",
             "fatal",
-            np.flatnonzero(~np.isfinite(vertices).all(axis=1)),
-            "they have no place. repair_mesh removes them and their faces.",
+            np.flatnonzero(~has_place(vertices)),
+            f"or beyond {LARGEST_COORDINATE:.0e}: they have no place. repair_mesh removes them and their faces.",
         ),
         *_fault(
             "faces with indices out of range",

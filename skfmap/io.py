@@ -2,6 +2,7 @@
 
 import io
 import logging
+import math
 import re
 import sys
 from collections.abc import Sequence
@@ -27,6 +28,9 @@ __all__ = [
 ]
 
 MESH_SUFFIXES = (".off", ".obj", ".ply", ".stl")
+
+# What single precision may lose of the size of a mesh.
+_MOST_LOST = 1e-4
 
 # Materials and texture would split an OBJ file into parts with vertices of their own.
 _READ_OPTIONS: dict[str, dict[str, bool]] = {
@@ -93,13 +97,56 @@ def read_mesh(path: str | Path) -> Mesh:
 
 
 def write_mesh(mesh: Mesh, path: str | Path) -> None:
-    """Write a mesh; the suffix of ``path`` (.off, .obj, .ply, .stl) chooses the format. STL loses the numbering."""
+    """Write a mesh; the suffix of ``path`` chooses the format.
+
+    OFF and OBJ keep sixteen digits of the size of the mesh, whatever its unit. PLY and STL hold single precision, some
+    seven digits of the distance from the origin. STL loses the numbering.
+
+    Parameters
+    ----------
+    mesh : Mesh
+        The mesh.
+    path : str or Path
+        File to write: .off, .obj, .ply or .stl.
+
+    Raises
+    ------
+    ValueError
+        If the suffix is another, or if single precision cannot hold the mesh.
+
+    Examples
+    --------
+    >>> import pathlib, tempfile
+    >>> from skfmap.datasets import make_sphere
+    >>> from skfmap.io import read_mesh, write_mesh
+    >>> path = pathlib.Path(tempfile.mkdtemp()) / "ball.off"
+    >>> write_mesh(make_sphere(n_subdivisions=1), path)
+    >>> read_mesh(path)
+    Mesh('ball', n_vertices=18, n_faces=32)
+    """
     suffix = Path(path).suffix.lower()
     if suffix not in MESH_SUFFIXES:
         raise ValueError(f"{path} has the suffix {suffix!r}; skfmap writes {', '.join(MESH_SUFFIXES)}.")
     import trimesh  # noqa: PLC0415
 
-    trimesh.Trimesh(mesh.vertices, mesh.faces, process=False).export(path)
+    if suffix in (".ply", ".stl"):
+        _check_single_precision(mesh, path)
+        options = {}
+    else:
+        # The writer has a fixed number of decimals, not of digits.
+        largest = float(np.abs(mesh.vertices).max())
+        options = {"digits": max(0, 16 - math.floor(math.log10(largest))) if largest > 0 else 0}
+    trimesh.Trimesh(mesh.vertices, mesh.faces, process=False).export(path, **options)
+
+
+def _check_single_precision(mesh: Mesh, path: str | Path) -> None:
+    with np.errstate(all="ignore"):
+        lost = np.abs(mesh.vertices.astype(np.float32).astype(np.float64) - mesh.vertices).max()
+    if not lost <= _MOST_LOST * np.ptp(mesh.vertices, axis=0).max():
+        raise ValueError(
+            f"{path} would hold {mesh!r} in single precision, which loses its shape: it is too large, too small, or "
+            "too far from the origin for its size. Write it as OFF, or move and scale it."
+        )
 
 
 def as_mesh(item: Any, position: int | None = None) -> Mesh:

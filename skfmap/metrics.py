@@ -184,6 +184,12 @@ class PairErrors:
         return float(np.average(self.of_kind(kind), weights=self.weights))
 
 
+_HOW = {
+    Correspondence: "Correspondence.from_vertices and its siblings make one.",
+    GeodesicDistances: "GeodesicDistances(mesh) makes them for the reference.",
+}
+
+
 def pair_errors(
     p2p: IntArray,
     correspondence_i: Correspondence,
@@ -211,7 +217,16 @@ def pair_errors(
     ------
     CorrespondenceError
         If no pair is left.
+    TypeError
+        If one of the arguments is something else.
     """
+    for given, kind in (
+        (correspondence_i, Correspondence),
+        (correspondence_0, Correspondence),
+        (distances, GeodesicDistances),
+    ):
+        if not isinstance(given, kind):
+            raise TypeError(f"A {kind.__name__} is expected here; got {type(given).__name__}. {_HOW[kind]}")
     p2p = _check_p2p(p2p, distances.mesh.n_vertices, int(correspondence_i.pairs[:, 0].max(initial=-1)) + 1)
     keys, direct, weights = _mean_by_pair(p2p, correspondence_i, correspondence_0, distances, symmetric=False)
     if len(keys) == 0:

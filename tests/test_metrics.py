@@ -206,6 +206,14 @@ def test_nothing_to_score_is_an_error(sphere, truth, distances):
 _values = st.lists(st.integers(0, 6), min_size=1, max_size=20)
 
 
+def test_a_mesh_in_the_place_of_its_distances_is_told_apart(sphere, truth):
+    p2p = np.arange(sphere.n_vertices)
+    with pytest.raises(TypeError, match=r"A GeodesicDistances is expected here; got Mesh. GeodesicDistances\(mesh\)"):
+        geodesic_error(p2p, truth, truth, sphere)
+    with pytest.raises(TypeError, match="A Correspondence is expected here; got ndarray"):
+        geodesic_error(p2p, truth, truth.pairs, GeodesicDistances(sphere))
+
+
 @quick
 @given(_values, _values, st.booleans(), st.randoms())
 def test_error_curve_agrees_with_brute_force(errors, thresholds, weighted, random):
