@@ -168,11 +168,12 @@ def cross(match: Match, C: FloatArray, matcher: Matcher, across: Across) -> Matc
     step = sp.coo_array((np.ones(n_j), (np.arange(n_j), across.p2p)), shape=(n_j, n_0)).tocsr()
     return replace(
         match,
-        p2p=across.p2p[match.p2p],
-        expected_error=match.expected_error + across.uncertainty[match.p2p],
+        p2p=np.append(across.p2p, -1)[match.p2p],  # -1, where a vertex was removed, finds the last
+        expected_error=match.expected_error + np.append(across.uncertainty, np.nan)[match.p2p],
         functional_map=C,
         reduced_map=C @ matcher.stable_basis[:, : matcher.settings.n_stable],
         reference_name=matcher.reference.name,
+        reference_hash=matcher.reference.spectral.mesh.content_hash,
         refined_map=None,
         matrix=match.matrix @ step,
         inverse=match.inverse[across.inverse],

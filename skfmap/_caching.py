@@ -66,7 +66,7 @@ def _store_of(memory: Any) -> Any:
     """Return a joblib.Memory; one that cannot be is an error that says so."""
     try:
         return check_memory(str(memory) if isinstance(memory, Path) else memory)
-    except OSError as error:
+    except (OSError, ValueError) as error:
         raise ValueError(
             f"memory={memory!r} cannot hold a cache: {error}. Give a folder that can be written to, or None."
         ) from error

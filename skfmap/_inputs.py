@@ -6,12 +6,11 @@ from typing import Any
 import numpy as np
 
 from skfmap._skipped import renumber
-from skfmap._typing import FloatArray
 from skfmap._validation import check_index_range, check_pairs, check_samples
 from skfmap.exceptions import CorrespondenceError
 from skfmap.shapes import Correspondence, ProbedShape, SkippedShape
 
-__all__ = ["check_correspondences", "check_same_probes", "check_sample_weight", "check_shapes", "place"]
+__all__ = ["check_correspondences", "check_same_probes", "check_shapes", "place"]
 
 
 def place(i: int, shape: object) -> str:
@@ -108,12 +107,3 @@ def _check_correspondence(item: object, i: int, shape: ProbedShape) -> Correspon
     if truth.weights is not None and not truth.weights.any():
         raise CorrespondenceError(f"All weights of {who} are zero; leave the shape out.")
     return truth
-
-
-def check_sample_weight(sample_weight: Sequence[float] | None, n_shapes: int) -> FloatArray:
-    if sample_weight is None:
-        return np.ones(n_shapes)
-    share = np.array(sample_weight, dtype=np.float64)
-    if share.shape != (n_shapes,) or not np.isfinite(share).all() or (share < 0).any() or not share.any():
-        raise ValueError(f"sample_weight must be {n_shapes} finite, non-negative numbers, not all zero; got {share}.")
-    return share

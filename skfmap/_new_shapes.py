@@ -45,6 +45,7 @@ def match_shape(
         n_supporting=count_supporting(matcher, shape, after),
         matrix=_matrix(matcher, after, interpolate),
         inverse=after.inverse,
+        reference_hash=matcher.reference.spectral.mesh.content_hash,
     )
 
 

@@ -1,5 +1,6 @@
 """Work on many shapes: joblib over the shapes, one thread within each, the same result for every n_jobs."""
 
+import numbers
 import os
 import sys
 import threading
@@ -55,6 +56,10 @@ def map_shapes(
     No backend is fixed, so that ``joblib.parallel_config`` can spread the work over a cluster. ``prefer="threads"`` is
     a hint for work that is matrix products for the most part: nothing is copied to other processes then.
     """
+    if n_jobs is not None and (not isinstance(n_jobs, numbers.Integral) or isinstance(n_jobs, bool) or n_jobs == 0):
+        raise ValueError(f"n_jobs must be None or an integer other than 0 (-1: all cores); got {n_jobs!r}.")
+    if not isinstance(verbose, numbers.Integral):
+        raise ValueError(f"verbose must be an integer; got {verbose!r}.")
     calls = (delayed(_call)(os.getpid(), function, *a) for a in arguments)
     with _ONE_THREAD:
         return list(Parallel(n_jobs=n_jobs, verbose=verbose, prefer=prefer)(calls))

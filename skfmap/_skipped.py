@@ -71,6 +71,7 @@ def no_match(shape: SkippedShape, reference: Any, k: int, p: int) -> Match:
         n_supporting=np.zeros(shape.n_vertices, dtype=np.int64),
         matrix=sp.csr_array((shape.n_vertices, n_0)),
         inverse=np.full(n_0, -1),
+        reference_hash=reference.spectral.mesh.content_hash,
     )
 
 

@@ -1,7 +1,7 @@
 """Checks at the package's boundary: arrays in, clean arrays or a clear error out."""
 
 import numbers
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Iterator, Sequence, Set
 from typing import Any
 
 import numpy as np
@@ -11,12 +11,17 @@ from skfmap._typing import BoolArray, FloatArray, IntArray
 from skfmap.exceptions import CorrespondenceError, MeshError
 
 __all__ = [
+    "LARGEST_AREA",
     "LARGEST_COORDINATE",
+    "SMALLEST_AREA",
+    "as_array",
+    "as_reals",
     "check_choice",
     "check_faces",
     "check_index_range",
     "check_number",
     "check_pairs",
+    "check_sample_weight",
     "check_samples",
     "check_vertices",
     "has_place",
@@ -24,7 +29,8 @@ __all__ = [
     "read_only",
 ]
 
-# Squares of areas of larger triangles overflow.
+# Areas beyond these lose digits, or overflow, where they are squared; so do those of larger coordinates.
+SMALLEST_AREA, LARGEST_AREA = 1e-150, 1e150
 LARGEST_COORDINATE = 1e75
 
 
@@ -40,12 +46,30 @@ def read_only(array: npt.NDArray[Any]) -> npt.NDArray[Any]:
     return view
 
 
+def as_array(values: object, who: str, error: type[Exception] = ValueError) -> npt.NDArray[Any]:
+    """Return ``values`` as an array; rows of unequal length and masks, which would be lost, are errors."""
+    if np.ma.isMaskedArray(values):
+        raise error(f"{who} must not be masked; leave out what is unknown, or fill it: {who}.filled(...).")
+    try:
+        return np.asarray(values)
+    except (TypeError, ValueError) as failure:
+        raise error(f"{who} must be an array: {failure}.") from None
+
+
+def as_reals(values: object, who: str, error: type[Exception] = ValueError) -> FloatArray:
+    """Return ``values`` as a private array of floats; complex numbers, texts, dates and masks are errors."""
+    given = as_array(values, who, error)
+    try:
+        if given.dtype.kind not in "iufO":
+            raise TypeError(f"got dtype {given.dtype}")
+        return np.array(given, dtype=np.float64, order="C")
+    except (TypeError, ValueError) as failure:
+        raise error(f"{who} must hold real numbers: {failure}.") from None
+
+
 def check_vertices(vertices: object, who: str) -> FloatArray:
     """Return ``vertices`` as a private (n, 3) float array; NaN, infinity and emptiness are errors."""
-    try:
-        out = np.array(vertices, dtype=np.float64, order="C")
-    except (TypeError, ValueError) as error:
-        raise MeshError(f"The vertices of {who} are not numbers: {error}.") from error
+    out = as_reals(vertices, f"The vertices of {who}", MeshError)
     if out.ndim != 2 or out.shape[1] != 3:
         raise MeshError(f"The vertices of {who} must have shape (n_vertices, 3); got {out.shape}.")
     if len(out) == 0:
@@ -68,9 +92,9 @@ def has_place(vertices: FloatArray) -> BoolArray:
 def check_faces(faces: object, n_vertices: int, who: str) -> IntArray:
     """Return ``faces`` as a private (n, 3) integer array whose entries are all vertex numbers."""
     try:
-        given = np.asarray(faces)
-    except ValueError as error:
-        raise MeshError(f"The faces of {who} must all be triangles: {error}. Triangulate it first.") from error
+        given = as_array(faces, f"The faces of {who}", MeshError)
+    except MeshError as error:
+        raise MeshError(f"{error} All must be triangles: triangulate it first.") from None
     if given.ndim != 2 or given.shape[1] != 3:
         raise MeshError(
             f"The faces of {who} must be triangles, shape (n_faces, 3); got {given.shape}. Triangulate it first."
@@ -78,7 +102,10 @@ def check_faces(faces: object, n_vertices: int, who: str) -> IntArray:
     if len(given) == 0:
         raise MeshError(f"{who} has no faces; skfmap needs triangle meshes, not point clouds.")
     if not np.issubdtype(given.dtype, np.integer):
-        raise MeshError(f"The faces of {who} must be integers; got dtype {given.dtype}.")
+        raise MeshError(
+            f"The faces of {who} must be integers; got dtype {given.dtype}. If they are whole numbers, convert them "
+            "with .astype(int)."
+        )
     out = np.array(given, dtype=np.int64, order="C")
     check_index_range(out, n_vertices, f"The faces of {who}", MeshError)
     return out
@@ -101,13 +128,15 @@ def check_index_range(
 
 def check_pairs(pairs: object, who: str) -> IntArray:
     """Return ``pairs`` as a private (n_pairs, 2) array of ``[vertex, template point]`` rows."""
-    given = np.asarray(pairs)
-    if given.ndim == 1:
+    given = as_array(pairs, who, CorrespondenceError)
+    if given.ndim == 1 and given.size:
         raise TypeError(
             f"{who} is one-dimensional, which can be read in two ways. Say which with "
             "Correspondence.from_vertices(points), the template point of each vertex, or "
             "Correspondence.from_template(vertices), the vertex of each template point (what .vts files hold)."
         )
+    if given.size == 0:
+        return np.empty((0, 2), dtype=np.int64)
     if given.ndim != 2 or given.shape[1] != 2:
         raise CorrespondenceError(
             f"{who} must have shape (n_pairs, 2), rows [vertex, template point]; got {given.shape}."
@@ -154,11 +183,24 @@ def check_samples(X: object, what: str, name: str = "X") -> Sequence[Any]:
             f"{name} must be a sequence of {what}; got a numeric array of shape {X.shape}. "
             "skfmap works on shapes, not on tables; see the quickstart."
         )
-    if isinstance(X, (str, bytes, dict)) or not hasattr(X, "__iter__"):
+    if isinstance(X, (str, bytes, dict)) or not hasattr(X, "__iter__") or getattr(X, "ndim", 1) == 0:
         raise TypeError(
             f"{name} must be a sequence of {what}; got one {type(X).__name__}. Wrap it in a list: [{name}]."
         )
+    if isinstance(X, (Set, Iterator)):
+        # A set has no order; what can be gone through once only is empty for the next who asks.
+        raise TypeError(f"{name} must be a sequence of {what}; got a {type(X).__name__}. Make it a list: list({name}).")
     samples = list(X)
     if not samples:
         raise ValueError(f"{name} is empty; give at least one of: {what}.")
     return samples
+
+
+def check_sample_weight(sample_weight: object, n_shapes: int) -> FloatArray:
+    """Return the share of each shape, 1 each if nothing is given."""
+    if sample_weight is None:
+        return np.ones(n_shapes)
+    share = as_reals(sample_weight, "sample_weight")
+    if share.shape != (n_shapes,) or not np.isfinite(share).all() or (share < 0).any() or not share.any():
+        raise ValueError(f"sample_weight must be {n_shapes} finite, non-negative numbers, not all zero; got {share}.")
+    return share

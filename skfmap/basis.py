@@ -13,7 +13,7 @@ from skfmap._parallel import map_shapes
 from skfmap._skipped import warn_of_skipped
 from skfmap._stateless import StatelessShapeTransformer
 from skfmap._typing import FloatArray, SparseMatrix
-from skfmap._validation import check_choice, check_number, label
+from skfmap._validation import LARGEST_AREA, SMALLEST_AREA, check_choice, check_number, label
 from skfmap._version import Versioned
 from skfmap.exceptions import MeshError, OrientationWarning, RepairWarning
 from skfmap.functional.eigenbasis import laplacian_eigenbasis
@@ -286,8 +286,11 @@ def _check_mesh(mesh: Mesh, laplacian: str, n_components: int) -> None:
             f"{who} has {mesh.n_vertices} vertices, too few for n_components={n_components}; lower n_components (and "
             "the learner's n_functions), or refine the mesh."
         )
-    if not mesh.area > 0:
-        raise MeshError(f"{who} has no area; check its coordinates.")
+    if not SMALLEST_AREA < mesh.area < LARGEST_AREA:
+        raise MeshError(
+            f"{who} has an area of {mesh.area:.2g}, too extreme to compute with; check its coordinates, or choose "
+            "another unit of length."
+        )
     if laplacian == "cotangent":
         _check_cotangent(mesh, who)
 

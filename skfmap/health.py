@@ -7,15 +7,15 @@ from typing import Any
 import numpy as np
 
 from skfmap._typing import BoolArray, FloatArray, IntArray
-from skfmap._validation import LARGEST_COORDINATE, has_place, label
+from skfmap._validation import LARGEST_AREA, LARGEST_COORDINATE, SMALLEST_AREA, as_array, as_reals, has_place, label
 from skfmap.exceptions import MeshError
 from skfmap.geometry.faults import (
+    boundary_pieces,
     components,
     degenerate_faces,
     duplicate_faces,
     duplicate_vertices,
     is_wound_consistently,
-    n_boundary_loops,
     nonmanifold_edges,
     nonmanifold_vertices,
     repeated_corners,
@@ -30,8 +30,6 @@ __all__ = ["Fault", "MeshReport", "Repair", "check_mesh", "repair_mesh"]
 
 # A mesh this many times its own size away from the origin has lost that many digits of its coordinates.
 _FAR = 1e6
-# Areas beyond this lose digits, or overflow, where they are squared.
-_SMALLEST, _LARGEST = 1e-150, 1e150
 
 
 @dataclass(frozen=True)
@@ -143,12 +141,10 @@ def _raw(mesh: Any) -> tuple[FloatArray, IntArray, str | None]:
     if isinstance(mesh, (str, Path)):
         mesh = read_mesh(mesh)
     name = getattr(mesh, "name", None)
-    given = mesh if isinstance(mesh, tuple) else (getattr(mesh, "vertices", None), getattr(mesh, "faces", None))
-    try:
-        vertices, faces = (np.asarray(array) for array in given)
-        vertices = vertices.astype(np.float64)
-    except (TypeError, ValueError) as error:
-        raise MeshError(f"{label(name)} is no pair of numeric arrays (vertices, faces): {error}.") from error
+    pair = isinstance(mesh, (tuple, list)) and len(mesh) == 2
+    given = mesh if pair else (getattr(mesh, "vertices", None), getattr(mesh, "faces", None))
+    vertices = as_reals(given[0], f"The vertices of {label(name)}", MeshError)
+    faces = as_array(given[1], f"The faces of {label(name)}", MeshError)
     vertices, faces = (array.reshape(0, 3) if array.size == 0 else array for array in (vertices, faces))
     if vertices.ndim != 2 or vertices.shape[1] != 3 or faces.ndim != 2 or faces.shape[1] != 3:
         raise MeshError(
@@ -271,7 +267,7 @@ def _faults_of_scale(points: FloatArray, faces: IntArray) -> list[Fault]:
         corners = points[faces]
         crosses = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
         area = float(np.linalg.norm(crosses, axis=1).sum() / 2)
-    if _SMALLEST < area < _LARGEST:
+    if SMALLEST_AREA < area < LARGEST_AREA:
         return []
     meaning = f"the area is {area:.2g}, too extreme to compute with; choose another unit of length."
     return [Fault("extreme scale", "fatal", 1, None, meaning)]
@@ -317,7 +313,7 @@ def _faults_of_sides(points: FloatArray, faces: IntArray) -> list[Fault]:
 
 
 def _faults_of_boundary(faces: IntArray) -> list[Fault]:
-    n_loops = n_boundary_loops(faces)
+    n_loops = len(boundary_pieces(faces))
     if n_loops == 0:
         return []
     return [Fault("boundary loops", "note", n_loops, None, "holes, or a rim: accepted; curvature is 0 on them.")]

@@ -16,7 +16,7 @@ from skfmap._bridge import choose_bridge, cross, cross_over, pays
 from skfmap._calibration import calibrate
 from skfmap._callbacks import CallbackSupportMixin, FitTask, with_callbacks
 from skfmap._handedness import warn_of_mirrored_shapes, warn_of_mirrored_training_shapes
-from skfmap._inputs import check_correspondences, check_same_probes, check_sample_weight, check_shapes, place
+from skfmap._inputs import check_correspondences, check_same_probes, check_shapes, place
 from skfmap._matching import MATCHINGS, REFINEMENTS, UNREFINED, Matcher, Settings, learned_map
 from skfmap._medoid import medoid_index
 from skfmap._new_shapes import INTERPOLATIONS, match_shape, point_map
@@ -34,7 +34,7 @@ from skfmap._skipped import (
 from skfmap._training import Training, learning_arrays, matcher_from
 from skfmap._typing import FloatArray, IntArray
 from skfmap._unwrap import learner_and_shapes
-from skfmap._validation import check_choice, check_number, label
+from skfmap._validation import check_choice, check_number, check_sample_weight, label
 from skfmap._version import Versioned
 from skfmap.exceptions import CorrespondenceError, MeshError, StabilityWarning
 from skfmap.functional.learning import LearnedMaps, learn_functional_maps
@@ -541,6 +541,10 @@ class WeightedFunctionalMapLearner(CallbackSupportMixin, Versioned, BaseEstimato
         check_choice(self.matching, "matching", MATCHINGS)
         check_choice(self.refine, "refine", REFINEMENTS)
         check_choice(self.on_invalid, "on_invalid", ("raise", "skip"))
+        for name in ("reference", "bridge"):
+            value = getattr(self, name)
+            if not isinstance(value, str) and (name == "reference" or value is not None):
+                raise ValueError(f"{name} must be the name of a shape, or one of its words; got {value!r}.")
         check_number(self.max_iter, "max_iter", low=1, integer=True)
         check_number(self.tol, "tol", low=0)
         _count_stable(self.n_stable, self.n_functions)
@@ -565,6 +569,8 @@ class WeightedFunctionalMapLearner(CallbackSupportMixin, Versioned, BaseEstimato
             return 0
         if self.reference == "medoid":
             sound = [i for i in range(len(shapes)) if not isinstance(truths[i], SkippedShape)]
+            if not sound:
+                raise MeshError(f"No shape can be used: {truths[0].reason} All others are left out too.")
             return sound[medoid_index([shapes[i] for i in sound], [truths[i] for i in sound], self.n_jobs)]
         names = [shape.name for shape in shapes]
         if names.count(self.reference) != 1:
@@ -620,7 +626,7 @@ class WeightedFunctionalMapLearner(CallbackSupportMixin, Versioned, BaseEstimato
         rest = [i for i in range(len(truths)) if i != place]
         inner = clone(self).set_params(reference="first", bridge=None, verbose=0)
         inner.fit(
-            [shape, *(training.shapes[i] for i in rest)],
+            [_as_numbered_now(training.shapes[i]) for i in (place, *rest)],
             [truths[place], *(truths[i] for i in rest)],
             [1.0, *training.share[rest]],
         )
@@ -840,7 +846,15 @@ def _labels_of(weighting: Any, reference: ProbedShape) -> Any:
     """Return a weighting that needs no names: a callable is asked for the label of each probe."""
     if not callable(weighting):
         return weighting
-    return list(weighting(list(reference.probe_names), list(reference.probe_categories)))
+    labels = weighting(list(reference.probe_names), list(reference.probe_categories))
+    if isinstance(labels, str) or not hasattr(labels, "__iter__"):
+        raise TypeError(f"weighting must return one label for each probe; it returned {labels!r}.")
+    return list(labels)
+
+
+def _as_numbered_now(shape: ProbedShape) -> ProbedShape:
+    """Return the shape as if its vertices had always had the numbers of the mended mesh, as its correspondence has."""
+    return replace(shape, spectral=replace(shape.spectral, vertex_map=None))
 
 
 def _reference_vertices(truth: Correspondence) -> IntArray:

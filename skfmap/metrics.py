@@ -17,10 +17,19 @@ from skfmap._caching import cached
 from skfmap._parallel import map_shapes
 from skfmap._typing import FloatArray, IntArray
 from skfmap._unwrap import learner_and_shapes
-from skfmap._validation import check_choice, check_index_range
-from skfmap.exceptions import CorrespondenceError
+from skfmap._validation import (
+    LARGEST_AREA,
+    SMALLEST_AREA,
+    as_array,
+    as_reals,
+    check_choice,
+    check_index_range,
+    check_sample_weight,
+    label,
+)
+from skfmap.exceptions import CorrespondenceError, MeshError
 from skfmap.functional.stable_basis import basis_error
-from skfmap.geometry.faults import edges_of
+from skfmap.geometry.faults import count_components, edges_of, unreferenced_vertices
 from skfmap.geometry.geodesics import DISTANCES
 from skfmap.shapes import Correspondence, Mesh
 
@@ -88,13 +97,23 @@ class GeodesicDistances:
         -------
         distances : ndarray of shape (n,)
             Distances over sqrt(area).
+
+        Raises
+        ------
+        ValueError
+            If a number is no vertex, or there are not as many points as sources.
+        MeshError
+            If no distances are defined on the mesh: several components, vertices without faces, no area.
         """
-        points, sources = np.asarray(points), np.asarray(sources)
+        points, sources = self._vertices(points, "points"), self._vertices(sources, "sources")
+        if len(points) != len(sources):
+            raise ValueError(f"Give one source for each point; got {len(points)} points and {len(sources)} sources.")
         rows = self.rows(np.unique(sources))
         return rows[np.searchsorted(np.unique(sources), sources), points].astype(np.float64)
 
     def rows(self, sources: IntArray) -> Any:
         """Return distances from distinct sources to all vertices, float32 of shape (n_sources, n_vertices)."""
+        sources = self._vertices(sources, "sources")
         with _LOCK:
             missing = sources[self._row_of[sources] < 0]
         # Not under the lock: on a cluster, a thread that waits for its blocks takes on other tasks, which may ask too.
@@ -105,11 +124,32 @@ class GeodesicDistances:
                 self._rows = np.concatenate([self._rows, computed])
             return self._rows[self._row_of[sources]]
 
+    def _vertices(self, numbers: object, who: str) -> IntArray:
+        """Return vertex numbers: what lies beneath reads whatever memory a wrong one leads to."""
+        array = as_array(numbers, who)
+        if array.size == 0:
+            return np.empty(0, dtype=np.int64)
+        if array.ndim != 1 or not np.issubdtype(array.dtype, np.integer):
+            raise ValueError(f"{who} must be a 1-D array of vertex numbers; got {array.dtype} of shape {array.shape}.")
+        check_index_range(array, self.mesh.n_vertices, f"The {who}", ValueError)
+        return array.astype(np.int64)
+
     def _compute(self, sources: IntArray) -> Any:
+        _check_surface(self.mesh)
         compute = cached(_distance_block, self.memory)
         blocks = np.array_split(sources, max(1, len(sources) // 500))
         arguments = ((compute, self.mesh, self.mesh.content_hash, self.method, block) for block in blocks)
         return np.concatenate(map_shapes(_call, arguments, n_jobs=self.n_jobs, verbose=0))
+
+
+def _check_surface(mesh: Mesh) -> None:
+    """Raise where distances would be infinite, or the libraries beneath would fail or answer 0."""
+    whole = len(unreferenced_vertices(mesh.faces, mesh.n_vertices)) == 0
+    if not whole or count_components(mesh.faces, mesh.n_vertices) > 1 or not SMALLEST_AREA < mesh.area < LARGEST_AREA:
+        raise MeshError(
+            f"No distances are defined on {label(mesh.name)}: it has several components, vertices that no face uses, "
+            "or no area. check_mesh says which, repair_mesh mends it."
+        )
 
 
 def _call(function: Callable[..., Any], *arguments: Any) -> Any:
@@ -174,12 +214,14 @@ class PairErrors:
         known = ~np.isnan(self.symmetric)  # elsewhere the direct answer is the only one
         if kind == "per_vertex":
             return np.fmin(self.direct, self.symmetric)
+        if not self.weights[known].any():
+            return self.direct
         direct, symmetric = (np.average(e[known], weights=self.weights[known]) for e in (self.direct, self.symmetric))
         return self.direct if direct <= symmetric else np.where(known, self.symmetric, self.direct)
 
     def mean(self, kind: str = "direct") -> float:
         """Return the mean error of ``kind``; NaN for a shape that was left out, which has no pairs."""
-        if len(self.direct) == 0:
+        if not self.weights.any():
             return float("nan")
         return float(np.average(self.of_kind(kind), weights=self.weights))
 
@@ -227,6 +269,9 @@ def pair_errors(
     ):
         if not isinstance(given, kind):
             raise TypeError(f"A {kind.__name__} is expected here; got {type(given).__name__}. {_HOW[kind]}")
+    for pairs in (correspondence_0.pairs, correspondence_0.symmetric_pairs):
+        if pairs is not None:
+            check_index_range(pairs[:, 0], distances.mesh.n_vertices, "The pairs of the reference")
     p2p = _check_p2p(p2p, distances.mesh.n_vertices, int(correspondence_i.pairs[:, 0].max(initial=-1)) + 1)
     keys, direct, weights = _mean_by_pair(p2p, correspondence_i, correspondence_0, distances, symmetric=False)
     if len(keys) == 0:
@@ -311,8 +356,39 @@ def geodesic_error(
 
 
 def error_curve(errors: FloatArray, thresholds: FloatArray, weights: FloatArray | None = None) -> FloatArray:
-    """Return the share of pairs whose error is at most each threshold (the cumulative curve of figure 5, right)."""
-    share = np.ones(len(errors)) if weights is None else weights
+    """Return the share of pairs whose error is at most each threshold (the cumulative curve of figure 5, right).
+
+    Parameters
+    ----------
+    errors : array-like of shape (n_pairs,)
+        Errors; none of them NaN.
+    thresholds : array-like of shape (n_thresholds,)
+        Where the curve is asked for.
+    weights : array-like of shape (n_pairs,), optional
+        Share of each pair; 1 each by default.
+
+    Returns
+    -------
+    ndarray of shape (n_thresholds,)
+        Between 0 and 1.
+
+    Raises
+    ------
+    ValueError
+        If there are no errors, one is NaN, or weights do not fit.
+
+    Examples
+    --------
+    >>> from skfmap.metrics import error_curve
+    >>> error_curve([0.02, 0.3, 0.07], [0.05, 0.1]).round(2).tolist()
+    [0.33, 0.67]
+    """
+    errors, thresholds = as_reals(errors, "errors"), as_reals(thresholds, "thresholds")
+    share = np.ones(len(errors)) if weights is None else as_reals(weights, "weights")
+    if errors.ndim != 1 or errors.size == 0 or np.isnan(errors).any():
+        raise ValueError(f"errors must be one-dimensional, with one error at least and no NaN; got {errors}.")
+    if share.shape != errors.shape or not (share >= 0).all() or not 0 < share.sum() < np.inf:
+        raise ValueError(f"weights must be {len(errors)} non-negative numbers, not all zero; got {share}.")
     order = np.argsort(errors, kind="stable")
     cumulative = np.concatenate([[0.0], np.cumsum(share[order])]) / share.sum()
     return np.asarray(cumulative[np.searchsorted(errors[order], thresholds, side="right")])
@@ -325,6 +401,7 @@ def singular_value_profile(X: FloatArray, C: FloatArray, thresholds: FloatArray)
 
 def coverage(p2p: IntArray, mass_0: FloatArray) -> float:
     """Return the share of the area of S_0 whose vertices the point map hits."""
+    mass_0 = as_reals(mass_0, "mass_0")
     return float(mass_0[np.unique(_check_p2p(p2p, len(mass_0), 0))].sum() / mass_0.sum())
 
 
@@ -364,7 +441,7 @@ class _GeodesicScorer:
     ) -> float:
         """Return the score of a fitted learner, Pipeline or search on shapes ``X``."""
         means = [e.mean(self.kind) for e in matching_errors(estimator, X, y, reference_y=self.reference_y)]
-        return -mean_over_shapes(means, sample_weight)
+        return -mean_over_shapes(means, check_sample_weight(sample_weight, len(means)))
 
 
 def mean_over_shapes(means: Sequence[float], weights: Sequence[float] | FloatArray | None = None) -> float:

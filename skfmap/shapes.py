@@ -9,7 +9,17 @@ import scipy.sparse as sp
 
 from skfmap._caching import hash_of_arrays
 from skfmap._typing import FloatArray, IntArray, SparseMatrix
-from skfmap._validation import check_faces, check_index_range, check_pairs, check_vertices, label, read_only
+from skfmap._validation import (
+    as_array,
+    as_reals,
+    check_faces,
+    check_index_range,
+    check_number,
+    check_pairs,
+    check_vertices,
+    label,
+    read_only,
+)
 from skfmap.exceptions import CorrespondenceError
 
 __all__ = ["Correspondence", "JoinedPairs", "Match", "Mesh", "ProbedShape", "SkippedShape", "SpectralShape"]
@@ -295,6 +305,8 @@ class Correspondence:
     def __post_init__(self) -> None:
         object.__setattr__(self, "pairs", read_only(check_pairs(self.pairs, "pairs")))
         object.__setattr__(self, "weights", _check_weights(self.weights, len(self.pairs), "weights"))
+        if self.n_vertices is not None:
+            check_number(self.n_vertices, "n_vertices", low=0, integer=True)
         if self.symmetric_pairs is None:
             if self.symmetric_weights is not None:
                 raise CorrespondenceError("symmetric_weights are given without symmetric_pairs.")
@@ -335,9 +347,12 @@ class Correspondence:
         Correspondence
             One pair per known vertex.
         """
-        pairs = _enumerate(points, "points")
-        symmetric_pairs = None if symmetric is None else _enumerate(symmetric, "symmetric")
-        return cls(pairs, symmetric_pairs, n_vertices=len(np.asarray(points)))
+        pairs, n_vertices = _enumerate(points, "points")
+        if symmetric is None:
+            return cls(pairs, n_vertices=n_vertices)
+        symmetric_pairs, n_symmetric = _enumerate(symmetric, "symmetric")
+        _check_alike(n_vertices, n_symmetric)
+        return cls(pairs, symmetric_pairs, n_vertices=n_vertices)
 
     @classmethod
     def from_template(cls, vertices: object, symmetric: object | None = None) -> Self:
@@ -358,10 +373,12 @@ class Correspondence:
             One pair per known template point.
         """
         swap = [1, 0]
-        return cls(
-            _enumerate(vertices, "vertices")[:, swap],
-            None if symmetric is None else _enumerate(symmetric, "symmetric")[:, swap],
-        )
+        pairs, n_points = _enumerate(vertices, "vertices")
+        if symmetric is None:
+            return cls(pairs[:, swap])
+        symmetric_pairs, n_symmetric = _enumerate(symmetric, "symmetric")
+        _check_alike(n_points, n_symmetric)
+        return cls(pairs[:, swap], symmetric_pairs[:, swap])
 
     @classmethod
     def from_matrix(cls, matrix: object, symmetric: object | None = None) -> Self:
@@ -379,11 +396,12 @@ class Correspondence:
         Correspondence
             One weighted pair per non-zero entry.
         """
-        pairs, weights = _matrix_pairs(matrix, "matrix")
-        n_vertices = int(sp.coo_array(matrix).shape[0])
+        pairs, weights, shape = _matrix_pairs(matrix, "matrix")
+        n_vertices = shape[0]
         if symmetric is None:
             return cls(pairs, weights=weights, n_vertices=n_vertices)
-        symmetric_pairs, symmetric_weights = _matrix_pairs(symmetric, "symmetric")
+        symmetric_pairs, symmetric_weights, symmetric_shape = _matrix_pairs(symmetric, "symmetric")
+        _check_alike(shape, symmetric_shape)
         return cls(pairs, symmetric_pairs, weights=weights, symmetric_weights=symmetric_weights, n_vertices=n_vertices)
 
     @property
@@ -446,7 +464,7 @@ class Correspondence:
         Raises
         ------
         CorrespondenceError
-            If a pair refers to a vertex that ``vertex_map`` does not have.
+            If ``vertex_map`` is of a mesh with another number of vertices, or holds numbers below -1.
         TypeError
             If ``vertex_map`` holds anything but integers.
 
@@ -456,9 +474,16 @@ class Correspondence:
         >>> Correspondence.from_vertices([2, 0, 1]).renumber([-1, 0, 1]).pairs.tolist()
         [[0, 0], [1, 1]]
         """
-        new = np.asarray(vertex_map)
+        new = as_array(vertex_map, "vertex_map", TypeError)
         if new.ndim != 1 or not np.issubdtype(new.dtype, np.integer):
             raise TypeError(f"vertex_map must be a 1-D array of integers; got {new.dtype} of shape {new.shape}.")
+        if new.min(initial=-1) < -1:
+            raise CorrespondenceError(f"vertex_map holds {new.min()}; the only negative value allowed is -1, for gone.")
+        if self.n_vertices is not None and self.n_vertices != len(new):
+            raise CorrespondenceError(
+                f"vertex_map is of a mesh of {len(new)} vertices, but this correspondence was made for "
+                f"{self.n_vertices}."
+            )
         check_index_range(self.pairs[:, 0], len(new), "The pairs")
         pairs, weights = _renumbered(self.pairs, self.weights, new)
         symmetric, symmetric_weights = None, None
@@ -486,7 +511,7 @@ class Correspondence:
         TypeError
             If ``points`` holds anything but integers.
         """
-        kept = np.asarray(points)
+        kept = as_array(points, "points", TypeError)
         if not np.issubdtype(kept.dtype, np.integer):
             raise TypeError(f"points must be template points, an array of integers; got {type(points).__name__}.")
         rows = np.isin(self.pairs[:, 1], kept)
@@ -537,6 +562,8 @@ class Match:
         functions on S_0 back to S_i.
     inverse : ndarray of int, shape (n_vertices_0,)
         Point map of the other direction: vertex of S_i for each vertex of S_0, found in the same embedding.
+    reference_hash : str or None
+        ``content_hash`` of the mesh of S_0.
     """
 
     p2p: IntArray
@@ -550,6 +577,7 @@ class Match:
     n_supporting: IntArray | None = None
     matrix: SparseMatrix | Any = None
     inverse: IntArray | Any = None
+    reference_hash: str | None = None
 
     def transfer(self, values: object, *, max_error: float | None = None) -> Any:
         """Carry a function, labels, a segmentation or texture coordinates from the reference to this shape.
@@ -560,8 +588,9 @@ class Match:
         ----------
         values : array-like of shape (n_vertices_0,) or (n_vertices_0, n_columns)
             What the vertices of the reference hold; labels one-dimensional.
+            Masked entries are unknown, and mask whatever they would reach.
         max_error : float, optional
-            Vertices with a larger ``expected_error``, in units of sqrt(area), are masked.
+            Vertices with a larger ``expected_error``, in units of sqrt(area), are masked, as are all without a match.
 
         Returns
         -------
@@ -573,6 +602,8 @@ class Match:
         ------
         ValueError
             If ``values`` does not have one entry for each vertex of the reference, or the match no matrix.
+        TypeError
+            If ``values`` are Python objects of other kinds than text.
 
         Examples
         --------
@@ -589,9 +620,10 @@ class Match:
         """
         if self.matrix is None:
             raise ValueError("This Match holds no matrix; take it from a learner's match.")
-        given = np.asarray(values)
+        unknown = np.ma.getmaskarray(values) if isinstance(values, np.ma.MaskedArray) else None
+        given = _as_values(values.data if isinstance(values, np.ma.MaskedArray) else values)
         n_0 = self.matrix.shape[1]
-        if given.ndim not in (1, 2) or len(given) != n_0:
+        if given.ndim not in (1, 2) or len(given) != n_0 or given.size == 0:
             raise ValueError(
                 f"values must have one entry or row for each of the {n_0} vertices of the reference; got shape "
                 f"{given.shape}."
@@ -602,8 +634,13 @@ class Match:
             carried = np.stack([self._vote(column) for column in given.T], axis=1)
         else:
             carried = self._vote(given)
-        doubtful = np.zeros(len(carried), dtype=bool) if max_error is None else self.expected_error > max_error
-        return np.ma.MaskedArray(carried, np.broadcast_to(doubtful.reshape(-1, *[1] * (given.ndim - 1)), carried.shape))
+        doubtful = np.isnan(self.expected_error) | (self.p2p < 0)
+        if max_error is not None:
+            doubtful |= self.expected_error > check_number(max_error, "max_error", low=0)
+        mask = np.broadcast_to(doubtful.reshape(-1, *[1] * (given.ndim - 1)), carried.shape)
+        if unknown is not None:
+            mask = mask | (self.matrix @ unknown.astype(np.float64) > 0)
+        return np.ma.MaskedArray(carried, mask)
 
     def to(self, other: "Match") -> tuple[IntArray, FloatArray]:
         """Return the point map from this shape to another that was matched to the same reference.
@@ -616,9 +653,9 @@ class Match:
         Returns
         -------
         p2p : ndarray of int, shape (n_vertices_i,)
-            Vertex of the other shape for each vertex of this one.
+            Vertex of the other shape for each vertex of this one; -1 where either has no match.
         expected_error : ndarray of shape (n_vertices_i,)
-            Sum of the errors expected on both ways, in units of sqrt(area).
+            Sum of the errors expected on both ways, in units of sqrt(area); NaN where there is no match.
 
         Raises
         ------
@@ -627,13 +664,17 @@ class Match:
         """
         if self.matrix is None or other.matrix is None or other.inverse is None:
             raise ValueError("Both matches must come from a learner's match, with their matrices and inverses.")
-        if other.reference_name != self.reference_name or other.matrix.shape[1] != self.matrix.shape[1]:
+        if self._reference() != other._reference():
             raise ValueError(
                 f"Both shapes must be matched to one reference; got {self.reference_name!r} and "
                 f"{other.reference_name!r}."
             )
-        p2p = other.inverse[self.p2p]
-        return p2p, self.expected_error + other.expected_error[p2p]
+        p2p = np.append(other.inverse, -1)[self.p2p]  # what is -1 finds the last
+        return p2p, self.expected_error + np.append(other.expected_error, np.nan)[p2p]
+
+    def _reference(self) -> tuple[str | None, str | None, int]:
+        """Return what tells references apart."""
+        return self.reference_name, self.reference_hash, self.matrix.shape[1]
 
     def _vote(self, labels: Any) -> Any:
         """Return the label of most weight at each vertex; the first in order among equals."""
@@ -663,9 +704,9 @@ def _correspondence(
     return Correspondence(pairs, symmetric, weights=weights, symmetric_weights=symmetric_weights, n_vertices=n_vertices)
 
 
-def _enumerate(values: object, who: str) -> IntArray:
-    """Return rows [position, value] of a 1-D integer array, without those whose value is -1."""
-    array = np.asarray(values)
+def _enumerate(values: object, who: str) -> tuple[IntArray, int]:
+    """Return rows [position, value] of a 1-D integer array, without -1 and what is masked; and its length."""
+    array = as_array(values.filled(-1) if isinstance(values, np.ma.MaskedArray) else values, who, CorrespondenceError)
     if array.ndim != 1:
         raise CorrespondenceError(f"{who} must be one-dimensional; got shape {array.shape}.")
     if not np.issubdtype(array.dtype, np.integer):
@@ -673,22 +714,40 @@ def _enumerate(values: object, who: str) -> IntArray:
     if array.size and array.min() < -1:
         raise CorrespondenceError(f"{who} holds {array.min()}; the only negative value allowed is -1, for unknown.")
     known = np.flatnonzero(array >= 0)
-    return np.column_stack([known, array[known]]).astype(np.int64)
+    return np.column_stack([known, array[known]]).astype(np.int64), len(array)
 
 
-def _matrix_pairs(matrix: object, who: str) -> tuple[IntArray, FloatArray]:
-    coo = sp.coo_array(matrix)
-    coo.sum_duplicates()
-    coo.eliminate_zeros()
+def _check_alike(one: object, other: object) -> None:
+    if one != other:
+        raise CorrespondenceError(f"The symmetric answer must be as long as the other; got {one} and {other}.")
+
+
+def _matrix_pairs(matrix: object, who: str) -> tuple[IntArray, FloatArray, tuple[int, int]]:
+    coo = sp.coo_array(matrix if sp.issparse(matrix) else as_reals(matrix, who, CorrespondenceError))
     if coo.ndim != 2:
         raise CorrespondenceError(f"{who} must have shape (n_vertices, n_points); got {coo.shape}.")
-    return np.column_stack(coo.coords).astype(np.int64), np.asarray(coo.data, dtype=np.float64)
+    coo.sum_duplicates()
+    coo.eliminate_zeros()
+    pairs = np.column_stack(coo.coords).astype(np.int64)
+    return pairs, as_reals(coo.data, who, CorrespondenceError), (int(coo.shape[0]), int(coo.shape[1]))
+
+
+def _as_values(values: object) -> Any:
+    """Return what is to be carried as an array; texts that pandas keeps as objects become texts of numpy."""
+    given = as_array(values, "values")
+    if given.dtype.kind not in "biufcSUO":
+        raise TypeError(f"values must be numbers or labels; got dtype {given.dtype}.")
+    if given.dtype.kind == "O":
+        if not all(isinstance(value, str) for value in given.ravel()):
+            raise TypeError("values are Python objects; give numbers, or labels that are all text.")
+        return given.astype(str)
+    return given
 
 
 def _check_weights(weights: object | None, n_pairs: int, who: str) -> FloatArray | None:
     if weights is None:
         return None
-    out = np.array(weights, dtype=np.float64)
+    out = as_reals(weights, who, CorrespondenceError)
     if out.shape != (n_pairs,):
         raise CorrespondenceError(f"{who} must have shape ({n_pairs},), one per pair; got {out.shape}.")
     if not np.isfinite(out).all() or (out < 0).any():
@@ -701,7 +760,8 @@ def _share_of_point(pairs: IntArray, weights: FloatArray | None) -> FloatArray:
     own = _ones_or(weights, len(pairs))
     if len(pairs) == 0:
         return own
-    total = np.bincount(pairs[:, 1], own)[pairs[:, 1]]
+    _, place = np.unique(pairs[:, 1], return_inverse=True)  # template points may have any numbers
+    total = np.bincount(place, own)[place]
     return np.asarray(own / np.where(total > 0, total, 1.0))
 
 

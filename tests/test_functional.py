@@ -236,7 +236,7 @@ def test_learning_finds_the_probes_that_are_kept():
         ({"weighting": "all"}, "weighting must be one of"),
         ({"weighting": "category"}, "needs the category"),
         ({"categories": ["a"]}, "must name all"),
-        ({"regularizer": lambda _i, _0: np.ones(3)}, "must return finite values of shape"),
+        ({"regularizer": lambda _i, _0: np.ones(3)}, "must return finite real values of shape"),
     ],
 )
 def test_learning_says_what_is_wrong_with_its_choices(change, message):

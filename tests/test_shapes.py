@@ -129,7 +129,7 @@ TRIANGLE = [[0.0, 0, 0], [1, 0, 0], [0, 1, 0]]
     [
         ([[0, 0, np.nan], [1, 0, 0], [0, 1, 0]], [[0, 1, 2]], "first is vertex 0"),
         ([[0, 0, 0], [1, 0, 0], [0, np.inf, 0]], [[0, 1, 2]], "first is vertex 2"),
-        ([["a", "b", "c"]], [[0, 1, 2]], "not numbers"),
+        ([["a", "b", "c"]], [[0, 1, 2]], "must hold real numbers"),
         ([[0, 0], [1, 0], [0, 1]], [[0, 1, 2]], r"\(n_vertices, 3\)"),
         (np.zeros(9), [[0, 1, 2]], r"\(n_vertices, 3\)"),
         (np.zeros((0, 3)), [[0, 1, 2]], "no vertices"),

@@ -98,9 +98,11 @@ def penalty_of(evals_i: FloatArray, evals_0: FloatArray, alpha: float, regulariz
         If a callable regulariser returns another shape or values that are not finite.
     """
     mask = np.asarray((REGULARIZERS[regularizer] if isinstance(regularizer, str) else regularizer)(evals_i, evals_0))
-    if mask.shape != (len(evals_i), len(evals_0)) or not np.isfinite(mask).all():
+    real = mask.dtype.kind in "biuf"
+    if mask.shape != (len(evals_i), len(evals_0)) or not real or not np.isfinite(mask).all():
         raise ValueError(
-            f"The regularizer must return finite values of shape ({len(evals_i)}, {len(evals_0)}); got {mask.shape}."
+            f"The regularizer must return finite real values of shape ({len(evals_i)}, {len(evals_0)}); got dtype "
+            f"{mask.dtype} and shape {mask.shape}."
         )
     return np.asarray(alpha * (mask**2 + DIAGONAL_FLOOR))
 

@@ -70,6 +70,10 @@ def check_weighting(weighting: object, n_probes: int) -> None:
         raise ValueError(f"weighting must be one of {WEIGHTINGS}, or one label for each probe; got {weighting!r}.")
     if len(weighting) != n_probes:
         raise ValueError(f"weighting must be a label for each of the {n_probes} probes; got {len(weighting)} labels.")
+    labels: Sequence[object] = list(weighting)  # type: ignore[call-overload]
+    strange = [item for item in labels if not isinstance(item, Hashable)]
+    if strange:
+        raise TypeError(f"The labels of weighting must be texts or numbers; got {strange[0]!r}.")
 
 
 def _numbered(labels: Sequence[Hashable]) -> IntArray:

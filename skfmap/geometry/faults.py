@@ -6,13 +6,19 @@ import scipy.sparse as sp
 from skfmap._typing import BoolArray, FloatArray, IntArray
 
 __all__ = [
+    "boundary_pieces",
     "boundary_vertices",
+    "components",
     "count_components",
     "degenerate_faces",
+    "duplicate_faces",
+    "duplicate_vertices",
     "edges_of",
     "is_wound_consistently",
     "nonmanifold_edges",
+    "nonmanifold_vertices",
     "repeated_corners",
+    "slivers",
     "unreferenced_vertices",
 ]
 
@@ -130,14 +136,18 @@ def components(faces: IntArray, n_vertices: int) -> IntArray:
     return np.asarray(sp.csgraph.connected_components(links, directed=False)[1], dtype=np.int64)
 
 
-def n_boundary_loops(faces: IntArray) -> int:
-    """Return the number of connected pieces of the boundary: holes, or the rim of an open surface."""
-    edges, counts = _count_edges(np.sort(_half_edges(faces), axis=1))
-    rim = edges[counts == 1]
+def boundary_pieces(faces: IntArray) -> list[IntArray]:
+    """Return the connected pieces of the boundary: holes, or the rim of an open surface.
+
+    Each is an array of shape (n_edges, 2) of the edges that only one face has, running as they do in that face.
+    """
+    edges = _half_edges(faces)
+    undirected, counts = _count_edges(np.sort(edges, axis=1))
+    base = int(edges.max(initial=0)) + 1
+    keys = np.sort(edges, axis=1) @ [base, 1]
+    rim = edges[counts[np.searchsorted(undirected @ [base, 1], keys)] == 1]
     if len(rim) == 0:
-        return 0
-    _, numbers = np.unique(rim, return_inverse=True)
-    numbers = numbers.reshape(rim.shape)
-    n = int(numbers.max()) + 1
-    links = sp.coo_array((np.ones(len(rim)), (numbers[:, 0], numbers[:, 1])), shape=(n, n))
-    return int(sp.csgraph.connected_components(links, directed=False)[0])
+        return []
+    vertices, numbers = np.unique(rim, return_inverse=True)
+    piece = components(numbers.reshape(rim.shape)[:, [0, 1, 1]], len(vertices))[numbers.reshape(rim.shape)[:, 0]]
+    return [rim[piece == number] for number in np.unique(piece)]

@@ -4,7 +4,7 @@ import igl
 import numpy as np
 
 from skfmap._typing import FloatArray, IntArray
-from skfmap.geometry.faults import is_wound_consistently
+from skfmap.geometry.faults import boundary_pieces, is_wound_consistently
 
 __all__ = ["orient_faces", "signed_volume"]
 
@@ -28,10 +28,10 @@ def signed_volume(vertices: FloatArray, faces: IntArray) -> float:
     """
     centred = vertices - vertices.mean(axis=0)
     volume = _cone_volume(centred[faces])
-    for loop in _boundary_loops(faces):
-        rim = centred[loop]
-        fan = np.stack([np.roll(rim, -1, axis=0), rim, np.broadcast_to(rim.mean(axis=0), rim.shape)], axis=1)
-        volume += _cone_volume(fan)
+    for piece in boundary_pieces(faces):
+        centre = centred[np.unique(piece)].mean(axis=0)
+        start, end = centred[piece[:, 0]], centred[piece[:, 1]]
+        volume += _cone_volume(np.stack([end, start, np.broadcast_to(centre, start.shape)], axis=1))
     return volume
 
 
@@ -68,7 +68,3 @@ def orient_faces(vertices: FloatArray, faces: IntArray) -> tuple[IntArray, bool,
 
 def _cone_volume(corners: FloatArray) -> float:
     return float(np.linalg.det(corners).sum() / 6)
-
-
-def _boundary_loops(faces: IntArray) -> list[IntArray]:
-    return [np.asarray(loop, dtype=np.int64) for loop in igl.boundary_loop_all(faces)]
