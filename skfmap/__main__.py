@@ -4,7 +4,7 @@ import argparse
 import sys
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -17,12 +17,13 @@ from skfmap._validation import check_number
 from skfmap.basis import SpectralBasis
 from skfmap.datasets import load_collection, make_creatures
 from skfmap.descriptors import DescriptorTransformer
+from skfmap.exceptions import MeshError
 from skfmap.functional.weighting import WEIGHTINGS
 from skfmap.learner import WeightedFunctionalMapLearner
 from skfmap.metrics import ERROR_KINDS, PairErrors, reference_distances
 from skfmap.plotting import Camera, plot_matches
 from skfmap.report import Evaluation, thin_out, write_report
-from skfmap.shapes import Correspondence, Match, Mesh, ProbedShape
+from skfmap.shapes import Correspondence, Match, Mesh, ProbedShape, SkippedShape
 
 # How points are matched: in all functions alike, in the p most stable, in all weighted by stability.
 _MATCHINGS: dict[str, dict[str, Any]] = {
@@ -88,6 +89,13 @@ def _parser() -> argparse.ArgumentParser:
         default=Path("skfmap-output"),
         help="where report, picture and model go (default: skfmap-output)",
     )
+    parser.add_argument(
+        "--on-invalid",
+        choices=["raise", "repair", "skip"],
+        default="raise",
+        help="what to do with meshes that cannot be used: stop (default), mend what can be mended and leave out the "
+        "rest, or leave out; the reference must be sound",
+    )
     parser.add_argument("--cache", type=Path, help="folder that keeps bases and probes between runs")
     parser.add_argument("--jobs", type=int, default=-1, help="shapes at a time (default: one per core)")
     return parser
@@ -96,8 +104,9 @@ def _parser() -> argparse.ArgumentParser:
 def _run(options: argparse.Namespace) -> None:
     check_number(options.functions, "--functions", low=2, integer=True)
     check_number(options.folds, "--folds", low=1, integer=True)
+    _make_output(options.output)
     collection = _collection(options)
-    shapes = _probed(collection, options)
+    collection, shapes = _usable(collection, _probed(collection, options))
     left_out = _choose_folds(len(shapes), options.folds)
     scored = thin_out(collection.correspondences)
     _measure(collection.meshes[0], scored[0], options)
@@ -120,8 +129,9 @@ def _collection(options: argparse.Namespace) -> Bunch:
         collection = make_creatures(n_shapes=11, n_vertices=options.vertices)
     else:
         print(f"Reading {options.folder} ...", flush=True)
-        collection = load_collection(options.folder, options.pattern, options.reference)
-    counts = [mesh.n_vertices for mesh in collection.meshes]
+        on_invalid = "raise" if options.on_invalid == "raise" else "skip"
+        collection = load_collection(options.folder, options.pattern, options.reference, on_invalid=on_invalid)
+    counts = [mesh.n_vertices for mesh in collection.meshes if isinstance(mesh, Mesh)]
     print(f"  {len(counts)} meshes of {min(counts)} to {max(counts)} vertices, {_since(started)}", flush=True)
     if options.folder is not None:
         print(f"  {collection.DESCR}", flush=True)
@@ -134,9 +144,45 @@ def _probed(collection: Bunch, options: argparse.Namespace) -> list[ProbedShape]
     started = time.perf_counter()
     print("Eigenfunctions and probe functions ...", flush=True)
     basis, probes = _transformers(options)
+    smallest = min(mesh.n_vertices for mesh in collection.meshes if isinstance(mesh, Mesh))
+    basis.set_params(n_components=min(basis.n_components, max(options.functions, smallest - 1)))
     shapes = probes.fit_transform(basis.fit_transform(collection.meshes))
+    if isinstance(shapes[0], SkippedShape):
+        raise MeshError(f"The reference, {collection.names[0]}, cannot be used: {shapes[0].reason}")
     print(f"  {shapes[0].probes.shape[1]} probe functions per shape, {_since(started)}", flush=True)
     return list(shapes)
+
+
+def _usable(collection: Bunch, shapes: list[Any]) -> tuple[Bunch, list[ProbedShape]]:
+    """Return the shapes that can be learned from, in the numbers that they have now."""
+    kept = [i for i, shape in enumerate(shapes) if not isinstance(shape, SkippedShape)]
+    for i in sorted(set(range(len(shapes))) - set(kept)):
+        print(f"  left out: {collection.names[i]}: {shapes[i].reason}", flush=True)
+    if len(kept) < 3:
+        raise ValueError(f"the main job needs a reference and at least two more shapes; {len(kept)} can be used.")
+    parts: dict[str, list[Any]] = {"meshes": [], "correspondences": [], "names": [], "shapes": []}
+    for i in kept:
+        shape, truth = shapes[i], collection.correspondences[i]
+        if shape.spectral.vertex_map is not None:
+            if i == 0:
+                raise MeshError(
+                    f"The vertices of the reference, {collection.names[0]}, would be renumbered, and matches refer to "
+                    "them. Mend it with skfmap.repair_mesh first, or choose another with --reference."
+                )
+            print(f"  mended: {collection.names[i]}", flush=True)
+            truth = truth.renumber(shape.spectral.vertex_map)
+            shape = replace(shape, spectral=replace(shape.spectral, vertex_map=None))
+        for key, part in zip(parts, (shape.spectral.mesh, truth, collection.names[i], shape), strict=True):
+            parts[key].append(part)
+    return Bunch(**parts), parts["shapes"]
+
+
+def _make_output(folder: Path) -> None:
+    """Make the folder for the results before anything is computed."""
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise ValueError(f"--output {folder} cannot hold the results: {error.strerror}.") from error
 
 
 def _measure(reference: Mesh, truth: Correspondence, options: argparse.Namespace) -> None:
@@ -152,8 +198,15 @@ def _measure(reference: Mesh, truth: Correspondence, options: argparse.Namespace
 def _transformers(options: argparse.Namespace) -> tuple[SpectralBasis, DescriptorTransformer]:
     families = None if options.families == "default" else options.families
     return (
-        SpectralBasis(max(120, options.functions), memory=options.cache, n_jobs=options.jobs),
-        DescriptorTransformer(families, memory=options.cache, n_jobs=options.jobs),
+        SpectralBasis(
+            max(120, options.functions), on_invalid=options.on_invalid, memory=options.cache, n_jobs=options.jobs
+        ),
+        DescriptorTransformer(
+            families,
+            on_invalid="raise" if options.on_invalid == "raise" else "skip",
+            memory=options.cache,
+            n_jobs=options.jobs,
+        ),
     )
 
 
@@ -220,7 +273,6 @@ def _save(
     results: dict[str | None, _Result],
     options: argparse.Namespace,
 ) -> None:
-    options.output.mkdir(parents=True, exist_ok=True)
     picture, model, report = (options.output / name for name in ("matches.png", "model.joblib", "report.html"))
     result, camera = results["function"], Camera(options.up)
     captions = [f"error {100 * errors.mean('direct'):.1f} % of sqrt(area)" for errors in result.errors["soft"]]
@@ -230,6 +282,7 @@ def _save(
     evaluation = Evaluation(meshes, result.matches, result.errors["soft"], results[None].errors["soft"])
     write_report(learner, report, evaluation=evaluation, camera=camera)
     basis, probes = (step.set_params(memory=None, n_jobs=None) for step in _transformers(options))
+    basis.set_params(n_components=shapes[0].spectral.n_components)
     joblib.dump(make_pipeline(basis, probes, learner), model)
     print(f"\nReport, to open in a browser: {report}")
     print(f"Picture of the matches (weighting 'function', soft): {picture}")

@@ -2,10 +2,12 @@
 
 import hashlib
 import inspect
+import sys
 import warnings
 from collections.abc import Callable
 from functools import lru_cache
 from pathlib import Path
+from types import CodeType
 from typing import Any
 
 import joblib
@@ -92,18 +94,65 @@ def _lock(location: str, name: str) -> FileLock | None:
 
 
 def code_of(item: Any) -> str | None:
-    """Return a hash of the source of a class or function that is not part of this package.
+    """Return a hash of the source of a class or function that is not part of this package, and of what it calls.
 
-    None if the source cannot be read, or does not tell the whole: a lambda, a closure, a bound method.
+    Functions and classes of the same module, and those imported from other modules by name, are followed. None if the
+    source cannot be read, or does not tell the whole: a lambda, a closure, a bound method, a module of one's own that
+    is used as a whole.
     """
-    if getattr(item, "__module__", "").startswith("skfmap."):
-        return ""
+    sources: dict[Any, str] = {}
+    if not _collect_sources(item, sources):
+        return None
+    return hashlib.sha256("".join(sources.values()).encode()).hexdigest() if sources else ""
+
+
+def _collect_sources(item: Any, sources: dict[Any, str]) -> bool:
+    """Add the source of an item and of what it refers to; return whether that tells the whole."""
+    if item in sources or _is_installed(getattr(item, "__module__", None)):
+        return True
     if not isinstance(item, type) and (getattr(item, "__name__", "<lambda>") == "<lambda>" or _is_bound(item)):
-        return None
+        return False
     try:
-        return hashlib.sha256(inspect.getsource(item).encode()).hexdigest()
+        sources[item] = inspect.getsource(item)
     except (OSError, TypeError):
-        return None
+        return False
+    return all(_collect_reference(value, sources) for value in _globals_of(item))
+
+
+def _collect_reference(value: Any, sources: dict[Any, str]) -> bool:
+    if inspect.ismodule(value):
+        return _is_installed(value.__name__)
+    if inspect.isfunction(value) or inspect.isclass(value):
+        return _collect_sources(value, sources)
+    if isinstance(value, np.ndarray) and value.dtype != object:
+        sources[hash_of_arrays(value)] = hash_of_arrays(value)
+        return True
+    plain = isinstance(value, (bool, int, float, complex, str, bytes, tuple, list, dict, set, type(None)))
+    if plain:
+        sources[repr(value)] = repr(value)
+    return plain or _is_installed(type(value).__module__)
+
+
+def _globals_of(item: Any) -> list[Any]:
+    """Return what the functions of an item find in their module."""
+    functions = [f for f in vars(item).values() if inspect.isfunction(f)] if isinstance(item, type) else [item]
+    names = {(f, name) for f in functions for name in _names_in(f.__code__)}
+    found = sorted(((name, f.__globals__[name]) for f, name in names if name in f.__globals__), key=lambda one: one[0])
+    return [value for _, value in found]
+
+
+def _names_in(code: CodeType) -> set[str]:
+    """Return the names that code and the functions inside it use."""
+    inner = (_names_in(item) for item in code.co_consts if isinstance(item, CodeType))
+    return set(code.co_names).union(*inner)
+
+
+def _is_installed(module: str | None) -> bool:
+    """Return whether a module belongs to Python, to this package, or to one that was installed with its version."""
+    top = (module or "").partition(".")[0]
+    if top == "skfmap" or (top in sys.stdlib_module_names and top != "__main__"):
+        return True
+    return "site-packages" in str(getattr(sys.modules.get(top), "__file__", None) or "")
 
 
 def _is_bound(function: Any) -> bool:

@@ -2,6 +2,7 @@
 
 import numbers
 from collections.abc import Collection, Iterator, Sequence, Set
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -21,6 +22,7 @@ __all__ = [
     "check_index_range",
     "check_number",
     "check_pairs",
+    "check_place",
     "check_sample_weight",
     "check_samples",
     "check_vertices",
@@ -204,3 +206,11 @@ def check_sample_weight(sample_weight: object, n_shapes: int) -> FloatArray:
     if share.shape != (n_shapes,) or not np.isfinite(share).all() or (share < 0).any() or not share.any():
         raise ValueError(f"sample_weight must be {n_shapes} finite, non-negative numbers, not all zero; got {share}.")
     return share
+
+
+def check_place(path: str | Path) -> Path:
+    """Return a path that is to be written; its folder must be there."""
+    place = Path(path)
+    if not place.parent.is_dir():
+        raise FileNotFoundError(f"There is no folder {place.parent} to write {place.name} to.")
+    return place

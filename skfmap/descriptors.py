@@ -1,5 +1,6 @@
 """Probe functions: the paper's nine families, and the oriented one that tells left from right."""
 
+import hashlib
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 from itertools import combinations
@@ -14,7 +15,7 @@ from skfmap._parallel import map_shapes
 from skfmap._skipped import sort_out, spread, warn_of_skipped
 from skfmap._stateless import StatelessShapeTransformer
 from skfmap._typing import FloatArray
-from skfmap._validation import check_choice, check_number, check_samples, label
+from skfmap._validation import as_reals, check_choice, check_number, check_samples, label
 from skfmap._version import Versioned
 from skfmap.exceptions import MeshError
 from skfmap.functional.projection import diffuse, project
@@ -63,9 +64,12 @@ class ProbeFamily(StatelessShapeTransformer, BaseEstimator, ABC):
         return self
 
     def transform(self, X: Sequence[SpectralShape]) -> list[FloatArray]:
-        """Return the coefficients of the functions on each shape, each of shape (n_components, n_functions)."""
+        """Return the coefficients of the functions on each shape, each of shape (n_components, n_functions).
+
+        Shapes that were skipped are left out.
+        """
         self.check_parameters()
-        return [self.coefficients(shape) for shape in check_samples(X, "spectral shapes")]
+        return [_finite(self, shape) for shape in sort_out(_check_spectral(X)).shapes]
 
 
 class HeatKernelSignature(ProbeFamily):
@@ -126,7 +130,7 @@ class WaveKernelSignature(ProbeFamily):
     def check_parameters(self) -> None:
         """Raise for parameters that cannot be used."""
         _check_range(self.n_functions, self.lambda_min, self.lambda_max, "lambda_min", "lambda_max")
-        check_number(self.sigma, "sigma", low=0, strict=True)
+        check_number(self.sigma, "sigma", low=1e-3)
 
     def labels(self) -> list[str]:
         """Return the energies, as eigenvalues."""
@@ -359,7 +363,7 @@ class FunctionProbes(ProbeFamily):
 
     def coefficients(self, shape: SpectralShape) -> FloatArray:
         """Return the coefficients, shape (n_components, n_functions)."""
-        values = np.asarray(self.function(shape, **(self.kw_args or {})), dtype=np.float64)
+        values = as_reals(self.function(shape, **(self.kw_args or {})), f"What {self.function!r} returns")
         columns = values[:, None] if values.ndim == 1 else values
         if columns.shape != (shape.mesh.n_vertices, self.n_functions) or not np.isfinite(columns).all():
             raise ValueError(
@@ -584,10 +588,18 @@ def _recipe(shape: SpectralShape, families: list[tuple[str, ProbeFamily]]) -> tu
 
 def _told(params: dict[str, Any]) -> list[tuple[str, Any]]:
     """Return parameters with the names of functions instead of their addresses."""
-    return [
-        (key, getattr(value, "__qualname__", type(value).__qualname__) if callable(value) else value)
-        for key, value in sorted(params.items())
-    ]
+    return [(key, _name_of(value) if callable(value) else value) for key, value in sorted(params.items())]
+
+
+def _name_of(function: Any) -> str:
+    """Return the name of a function; of one without a name, its name and a hash of its code."""
+    name = str(getattr(function, "__qualname__", type(function).__qualname__))
+    code = getattr(function, "__code__", None)
+    if code is None or "<lambda>" not in name:
+        return name
+    constants = [item for item in code.co_consts if isinstance(item, (int, float, complex, str, tuple))]
+    digest = hashlib.sha256(repr((code.co_code, constants, code.co_names)).encode()).hexdigest()
+    return f"{name}-{digest[:8]}"
 
 
 def _codes(family: ProbeFamily) -> list[str | None]:
@@ -611,7 +623,18 @@ def _coefficients_or_skip(shape: SpectralShape, *how: Any) -> FloatArray | Skipp
 
 
 def _stacked(shape: SpectralShape, content_hash: str, families: list[ProbeFamily], *key: object) -> FloatArray:  # noqa: ARG001
-    return np.column_stack([family.coefficients(shape) for family in families])
+    return np.column_stack([_finite(family, shape) for family in families])
+
+
+def _finite(family: ProbeFamily, shape: SpectralShape) -> FloatArray:
+    """Return the coefficients of a family; those that are no numbers are an error that names both."""
+    coefficients = np.asarray(family.coefficients(shape))
+    if not np.isfinite(coefficients).all():
+        raise ValueError(
+            f"{family!r} gives probe functions with NaN or infinite coefficients on {label(shape.name, 'shape')}; "
+            "check its parameters, and the mesh with check_mesh."
+        )
+    return coefficients
 
 
 def _check_spectral(X: object) -> Sequence[SpectralShape]:

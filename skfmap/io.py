@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from skfmap._typing import FloatArray, IntArray
-from skfmap._validation import check_samples
+from skfmap._validation import check_place, check_samples
 from skfmap.exceptions import MeshError
 from skfmap.shapes import Mesh, SkippedShape
 
@@ -38,8 +38,7 @@ _READ_OPTIONS: dict[str, dict[str, bool]] = {
 }
 
 
-# Faces of OBJ files: their lines, what follows a vertex there, and those that name vertex 0.
-_FACE_LINE = re.compile(rb"^[ \t]*f[ \t][^\n]*", re.MULTILINE)
+# Faces of OBJ files: what follows a vertex there, and those that name vertex 0.
 _AFTER_SLASH = re.compile(rb"/[^\s]*")
 _ZERO_INDEX = re.compile(rb"^[ \t]*f[ \t]+(?:[^\n]*[ \t])?0+(?=\s|$)[^\n]*", re.MULTILINE)
 
@@ -67,6 +66,8 @@ def read_mesh(path: str | Path) -> Mesh:
     MeshError
         If the file cannot be read as a triangle mesh, or the reader lost or added vertices.
     """
+    if not isinstance(path, (str, Path)):
+        raise TypeError(f"A mesh is read from a path; got {path!r}.")
     path = Path(path)
     suffix = path.suffix.lower()
     if suffix not in MESH_SUFFIXES:
@@ -80,7 +81,7 @@ def read_mesh(path: str | Path) -> Mesh:
     if suffix == ".off":
         content = _without_comments(content)
     if suffix == ".obj":
-        content = _FACE_LINE.sub(_vertices_alone, content)
+        content = _plain_obj(content)
     try:
         loaded = trimesh.load(
             io.BytesIO(content), file_type=suffix[1:], process=False, force="mesh", **_READ_OPTIONS.get(suffix, {})
@@ -113,6 +114,10 @@ def write_mesh(mesh: Mesh, path: str | Path) -> None:
     ------
     ValueError
         If the suffix is another, or if single precision cannot hold the mesh.
+    FileNotFoundError
+        If there is no such folder.
+    TypeError
+        If it is no `Mesh`.
 
     Examples
     --------
@@ -124,9 +129,12 @@ def write_mesh(mesh: Mesh, path: str | Path) -> None:
     >>> read_mesh(path)
     Mesh('ball', n_vertices=18, n_faces=32)
     """
+    if not isinstance(mesh, Mesh):
+        raise TypeError(f"A skfmap.Mesh is written; got {type(mesh).__name__}.")
     suffix = Path(path).suffix.lower()
     if suffix not in MESH_SUFFIXES:
         raise ValueError(f"{path} has the suffix {suffix!r}; skfmap writes {', '.join(MESH_SUFFIXES)}.")
+    check_place(path)
     import trimesh  # noqa: PLC0415
 
     if suffix in (".ply", ".stl"):
@@ -159,7 +167,7 @@ def as_mesh(item: Any, position: int | None = None) -> Mesh:
         raise MeshError(item.reason)
     name = None if position is None else f"shape {position}"
     if _is_trimesh(item):
-        return Mesh(item.vertices, item.faces, name=item.metadata.get("name") or name)
+        return Mesh(item.vertices, item.faces, name=(item.metadata or {}).get("name") or name)
     if isinstance(item, (tuple, list)) and len(item) == 2:
         return Mesh(item[0], item[1], name=name)
     where = "" if position is None else f"X[{position}] is "
@@ -189,7 +197,7 @@ def named(item: Any, position: int) -> str | None:
         return Path(item).stem
     if isinstance(item, (Mesh, SkippedShape)):
         return item.name
-    name = item.metadata.get("name") if _is_trimesh(item) else None
+    name = (item.metadata or {}).get("name") if _is_trimesh(item) else None
     return name or f"shape {position}"
 
 
@@ -232,9 +240,31 @@ def _without_comments(content: bytes) -> bytes:
     return b"\n".join(line for line in lines if line) + b"\n"
 
 
-def _vertices_alone(line: re.Match[bytes]) -> bytes:
-    """Return a face of an OBJ file without texture and normals: the reader errs where its corners differ in form."""
-    return _AFTER_SLASH.sub(b"", line[0])
+def _plain_obj(content: bytes) -> bytes:
+    """Return the vertices and faces of an OBJ file alone, in a form that the reader does not misread.
+
+    It stumbles over comments behind numbers and over corners that differ in form (``f 1//1 2/2 3``), and takes relative
+    numbers (-1 is the last vertex so far) for counted from the end of the file.
+    """
+    lines, n_vertices = [], 0
+    for line in content.replace(b"\\\n", b" ").splitlines():
+        words = line.split(b"#", maxsplit=1)[0].split()
+        if words[:1] == [b"v"]:
+            n_vertices += 1
+        elif words[:1] == [b"f"]:
+            words = [_AFTER_SLASH.sub(b"", word) for word in words]
+            words[1:] = [_absolute(word, n_vertices) for word in words[1:]]
+        else:
+            continue
+        lines.append(b" ".join(words))
+    return b"\n".join(lines) + b"\n"
+
+
+def _absolute(word: bytes, n_vertices: int) -> bytes:
+    """Return the number of a vertex, counted from 1, where it was counted back from the last one so far."""
+    if not (word.startswith(b"-") and word[1:].isdigit()):
+        return word
+    return b"%d" % max(0, n_vertices + 1 - int(word[1:]))  # 0 is refused later
 
 
 def _check_counts(path: Path, stored: tuple[int, int] | None, n_vertices: int, n_faces: int) -> None:
@@ -253,10 +283,28 @@ def _check_face_lines(path: Path, content: bytes, suffix: str, stored: tuple[int
     """Raise where a face does not say what it should, which the reader takes for another face without a word."""
     if suffix == ".obj" and (zero := _ZERO_INDEX.search(content)):
         raise MeshError(f"{path} has a face with vertex 0 ({zero[0].strip()[:60]!r}); OBJ files count from 1.")
+    if suffix == ".off" and _has_more_lines(content, stored):
+        raise MeshError(f"{path} says that it holds {stored[1] if stored else 0} faces, but more lines follow.")
     for line in _lines_of_faces(content, suffix, stored):
         numbers = line.split()
-        if numbers and numbers[0].isdigit() and int(numbers[0]) > len(numbers) - 1:
+        if not numbers or not numbers[0].isdigit():
+            continue
+        corners = numbers[1 : 1 + int(numbers[0])]
+        if len(corners) < int(numbers[0]):
             raise MeshError(f"{path} has a face that is cut short: {line[:60]!r} says {int(numbers[0])} vertices.")
+        if not all(corner.lstrip(b"+-").isdigit() for corner in corners):
+            raise MeshError(f"{path} has a face whose vertices are no whole numbers: {line[:60]!r}.")
+
+
+def _has_more_lines(content: bytes, stored: tuple[int, int] | None) -> bool:
+    """Return whether an OFF file with a line for each vertex and face has more lines than it says."""
+    if stored is None:
+        return False
+    lines = content.splitlines()
+    head = 1 if len(lines[0].split()) > 1 else 2
+    body = lines[head:]
+    one_each = all(len(line.split()) >= 3 for line in body[: sum(stored)])
+    return len(body) > sum(stored) and one_each
 
 
 def _lines_of_faces(content: bytes, suffix: str, stored: tuple[int, int] | None) -> list[bytes]:

@@ -285,7 +285,11 @@ class WeightedFunctionalMapLearner(CallbackSupportMixin, Versioned, BaseEstimato
             n_jobs=self.n_jobs,
         )
         warn_of_mirrored_training_shapes(training)
-        _warn_of_instability(fitted, np.stack([one.C for one in training.known]))
+        _warn_of_instability(
+            fitted,
+            np.stack([one.C for one in training.known]),
+            epsilon_given=self.weighting is not None and self.epsilon != "auto",
+        )
         fitted |= self._fit_bridge(training, [truths[i] for i in range(len(shapes)) if i != index], fitted)
         self.__dict__.update(fitted)  # at once, so that an interrupted fit leaves nothing behind
         task.end(fitted)
@@ -327,8 +331,8 @@ class WeightedFunctionalMapLearner(CallbackSupportMixin, Versioned, BaseEstimato
         CorrespondenceError
             If a shape and the reference share fewer than k distinct landmarks.
         """
-        given, k = self._check_new(X), len(self.stable_basis_)
-        answers = check_correspondences(y, X)
+        X, answers = self._check_scored(X, y)
+        given, k = sort_out(X), len(self.stable_basis_)
         joins = [
             join_with_reference(answers[i], shape, self.reference_correspondence_, self.reference_)
             for i, shape in zip(given.places, given.shapes, strict=True)
@@ -479,8 +483,8 @@ class WeightedFunctionalMapLearner(CallbackSupportMixin, Versioned, BaseEstimato
         list of PairErrors
             In units of sqrt(area) of the reference; without pairs for a shape that was left out.
         """
-        given = self._check_new(X)
-        answers = check_correspondences(y, X)
+        X, answers = self._check_scored(X, y)
+        given = sort_out(X)
         distances = reference_distances(self.reference_.spectral.mesh, method, memory=self.memory, n_jobs=self.n_jobs)
         truth_0 = self.reference_correspondence_
         if reference_y is not None:
@@ -747,6 +751,14 @@ class WeightedFunctionalMapLearner(CallbackSupportMixin, Versioned, BaseEstimato
             check_same_probes(shape, self.reference_, place(i, shape), "the training shapes")
         return given
 
+    def _check_scored(self, X: Sequence[Any], y: Sequence[Any]) -> tuple[list[Any], list[Any]]:
+        """Return shapes and correspondences; a shape whose correspondence does not fit is skipped too, if asked."""
+        self._check_new(X)
+        answers = check_correspondences(y, X, skip=self.on_invalid == "skip")
+        shapes = [a if isinstance(a, SkippedShape) else shape for shape, a in zip(X, answers, strict=True)]
+        warn_of_skipped([one for one, shape in zip(shapes, X, strict=True) if one is not shape])
+        return shapes, answers
+
     def _tell(self, message: str) -> None:
         if self.verbose:
             tell(f"[{type(self).__name__}] {message}")
@@ -810,7 +822,7 @@ def _count_stable(n_stable: float | None, k: int) -> int:
     return max(1, round(check_number(n_stable, "n_stable", low=0, high=1, strict=True) * k))
 
 
-def _warn_of_instability(fitted: Mapping[str, Any], known: FloatArray) -> None:
+def _warn_of_instability(fitted: Mapping[str, Any], known: FloatArray, *, epsilon_given: bool = False) -> None:
     """Say it if nothing was learned that can be relied on, and what to change."""
     images = np.linalg.norm(known @ fitted["stable_basis_"], axis=1).mean(axis=0)
     missed = fitted["stability_"] / np.sqrt(fitted["_n_training"]) / np.maximum(images, 1e-300)
@@ -820,6 +832,14 @@ def _warn_of_instability(fitted: Mapping[str, Any], known: FloatArray) -> None:
             f"No function maps stably: even the best is missed by {best:.2f} of its norm on the training shapes. Check "
             "that the correspondences belong to their shapes (vertex numbers from 0, Correspondence.from_vertices or "
             "from_template), and the winding of the meshes; or give other probes.",
+            StabilityWarning,
+            stacklevel=4,
+        )
+    full = fitted["_n_training"] * (len(fitted["stable_basis_"]) - 1)
+    if epsilon_given and fitted["n_iter_"] == 0 and not 1e-3 < fitted["loss_"] / full < 1 - 1e-3:
+        warnings.warn(
+            f"No weight was changed: at epsilon={fitted['epsilon_']:.3g} the loss is as good as constant. Take "
+            "epsilon='auto', or a number near the squared singular values of X(I) - C.",
             StabilityWarning,
             stacklevel=4,
         )

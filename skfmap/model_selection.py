@@ -7,6 +7,7 @@ import numpy as np
 from sklearn.model_selection import BaseCrossValidator, check_cv
 
 from skfmap._typing import IntArray
+from skfmap.shapes import SkippedShape
 
 __all__ = ["PinnedReference"]
 
@@ -14,7 +15,8 @@ __all__ = ["PinnedReference"]
 class PinnedReference(BaseCrossValidator):
     """Split all samples but the first, and open every training fold with the first.
 
-    Scores of functional maps compare only on one reference. ``PinnedReference(LeaveOneOut())`` is the paper's protocol.
+    Shapes that were skipped before (`skfmap.shapes.SkippedShape`) are in no fold. Scores of functional maps compare
+    only on one reference. ``PinnedReference(LeaveOneOut())`` is the paper's protocol.
 
     Parameters
     ----------
@@ -52,17 +54,19 @@ class PinnedReference(BaseCrossValidator):
         train, test : ndarray of int
             Indices into ``X``.
         """
-        rest = np.arange(1, self._n_samples(X))
-        inner_y = None if y is None else [y[i] for i in rest.tolist()]
+        samples, answers = list(X), None if y is None else list(y)
+        rest = self._places(samples)
+        inner_y = None if answers is None else [answers[i] for i in rest.tolist()]
         inner_groups = None if groups is None else np.asarray(groups)[rest]
-        for train, test in self._inner().split([X[i] for i in rest.tolist()], inner_y, inner_groups):
+        for train, test in self._inner().split([samples[i] for i in rest.tolist()], inner_y, inner_groups):
             yield np.concatenate([[0], rest[train]]), rest[test]
 
     def get_n_splits(self, X: Any = None, y: Any = None, groups: Any = None) -> int:
         """Return the number of folds."""
-        inner = None if X is None else list(range(1, self._n_samples(X)))
-        inner_y = None if y is None or X is None else [y[i] for i in range(1, len(X))]
-        inner_groups = None if groups is None else np.asarray(groups)[1:]
+        rest = None if X is None else self._places(list(X))
+        inner = None if rest is None else rest.tolist()
+        inner_y = None if y is None or rest is None else [list(y)[i] for i in rest.tolist()]
+        inner_groups = None if groups is None else np.asarray(groups)[slice(1, None) if rest is None else rest]
         return int(self._inner().get_n_splits(inner, inner_y, inner_groups))
 
     def _inner(self) -> Any:
@@ -71,10 +75,12 @@ class PinnedReference(BaseCrossValidator):
         return check_cv(self.cv)
 
     @staticmethod
-    def _n_samples(X: Sequence[Any]) -> int:
-        if len(X) < 3:
+    def _places(X: Sequence[Any]) -> IntArray:
+        """Return the places of the samples that are split: neither the first nor those that were skipped."""
+        rest = [i for i in range(1, len(X)) if not isinstance(X[i], SkippedShape)]
+        if len(rest) < 2:
             raise ValueError(
                 f"PinnedReference needs the reference and at least two more shapes, one to train on and one to test; "
-                f"got {len(X)}."
+                f"got {len(rest) + min(1, len(X))}."
             )
-        return len(X)
+        return np.array(rest)

@@ -11,6 +11,7 @@ from zipfile import ZIP_STORED, ZipFile
 import numpy as np
 import scipy.sparse as sp
 
+from skfmap._validation import check_place
 from skfmap.shapes import ProbedShape, SpectralShape
 
 __all__ = ["TRUSTED_TYPES", "load_model", "save_model"]
@@ -66,8 +67,15 @@ def save_model(model: Any, path: str | Path) -> None:
     ------
     ImportError
         If skops is not installed.
+    TypeError
+        If it is no estimator.
+    FileNotFoundError
+        If there is no such folder.
     """
     skops = _skops()
+    if not hasattr(model, "get_params"):
+        raise TypeError(f"A learner, a pipeline or a transformer is saved; got {model!r}.")
+    check_place(path)
     model = copy.deepcopy(model)
     _set_memory(model, None)
     skops.dump(model, Path(path))
@@ -123,6 +131,8 @@ def load_model(path: str | Path, *, trusted: Sequence[str] = (), memory: Any = N
     SpectralBasis(n_components=30)
     """
     skops, path = _skops(), Path(path)
+    if isinstance(trusted, str):
+        raise TypeError(f"trusted must be a list of full names: [{trusted!r}].")
     if not path.is_file():
         raise FileNotFoundError(f"There is no model file {path}.")
     content, allowed = path.read_bytes(), {*TRUSTED_TYPES, *trusted}

@@ -723,9 +723,10 @@ def _check_alike(one: object, other: object) -> None:
 
 
 def _matrix_pairs(matrix: object, who: str) -> tuple[IntArray, FloatArray, tuple[int, int]]:
-    coo = sp.coo_array(matrix if sp.issparse(matrix) else as_reals(matrix, who, CorrespondenceError))
-    if coo.ndim != 2:
-        raise CorrespondenceError(f"{who} must have shape (n_vertices, n_points); got {coo.shape}.")
+    given: Any = matrix if sp.issparse(matrix) else as_reals(matrix, who, CorrespondenceError)
+    if given.ndim != 2:
+        raise CorrespondenceError(f"{who} must have shape (n_vertices, n_points); got {given.shape}.")
+    coo = sp.coo_array(given)
     coo.sum_duplicates()
     coo.eliminate_zeros()
     pairs = np.column_stack(coo.coords).astype(np.int64)

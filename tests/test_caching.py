@@ -1,5 +1,7 @@
 """What is kept on disk: nothing computed twice, nothing confused, nothing lost to an interruption."""
 
+import importlib
+import linecache
 import subprocess
 import sys
 import textwrap
@@ -18,6 +20,7 @@ import skfmap.basis
 import skfmap.descriptors
 import skfmap.ground_truth
 from skfmap import DescriptorTransformer, Mesh, SpectralBasis
+from skfmap.descriptors import FunctionProbes
 from skfmap.io import write_mesh
 from skfmap.model_selection import PinnedReference
 
@@ -210,3 +213,32 @@ def test_an_interruption_keeps_what_is_finished(tmp_path, collection, monkeypatc
     assert len(computed) == 2 + 1 + 4  # two finished, one interrupted, four after it
     for shape, plain in zip(shapes, SpectralBasis(20).transform(collection.meshes), strict=True):
         assert_array_equal(shape.evecs, plain.evecs)
+
+
+def test_a_cache_notices_that_what_a_function_calls_has_changed(collection, tmp_path, monkeypatch):
+    """A helper in the same module, a constant, and a module of one's own."""
+    monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.setattr(sys, "dont_write_bytecode", True)
+    shapes = SpectralBasis(10).transform(collection.meshes[:1])
+
+    def probe(body, other="AXIS = 0\n"):
+        (tmp_path / "own_probes.py").write_text(body)
+        (tmp_path / "own_helpers.py").write_text(other)
+        linecache.clearcache()
+        for name in ("own_probes", "own_helpers"):
+            sys.modules.pop(name, None)
+        importlib.invalidate_caches()
+        function = importlib.import_module("own_probes").height
+        family = [("own", FunctionProbes(function))]
+        cached, plain = (DescriptorTransformer(family, memory=memory) for memory in (str(tmp_path / "cache"), None))
+        np.testing.assert_array_equal(cached.transform(shapes)[0].probes, plain.transform(shapes)[0].probes)
+        return plain.transform(shapes)[0].probes
+
+    helper = "def helper(shape): return shape.vertices[:, {}]\ndef height(shape): return helper(shape)\n"
+    constant = "AXIS = {}\ndef height(shape): return shape.vertices[:, AXIS]\n"
+    imported = "import own_helpers\ndef height(shape): return shape.vertices[:, own_helpers.AXIS]\n"
+    for bodies in ((helper.format(0), helper.format(2)), (constant.format(0), constant.format(2))):
+        one, other = (probe(body) for body in bodies)
+        assert np.abs(one - other).max() > 0.01
+    one, other = probe(imported), probe(imported, "AXIS = 2\n")
+    assert np.abs(one - other).max() > 0.01

@@ -42,9 +42,10 @@ def load_collection(
     reference : str, optional
         Name of the mesh to put first; the first in natural order (cat2 before cat10) by default.
     on_invalid : {"raise", "skip"}, default="raise"
-        What to do with a mesh that cannot be read, or whose correspondences cannot. ``"skip"`` puts a
-        `skfmap.shapes.SkippedShape` in its place, with a warning; ``SpectralBasis(on_invalid="skip")`` passes it on,
-        and the learner leaves it out. The reference always raises.
+        What to do with a mesh that cannot be read, or whose correspondences cannot, or do not fit those of the others:
+        none beside it, ``.vts`` files of another length, other faces where vertices correspond by number. ``"skip"``
+        puts a `skfmap.shapes.SkippedShape` in its place, with a warning; ``SpectralBasis(on_invalid="skip")`` passes it
+        on, and the learner leaves it out. The reference always raises.
 
     Returns
     -------
@@ -72,6 +73,8 @@ def load_collection(
     ...     load_collection(folder).names
     ['ball2', 'ball10']
     """
+    if not isinstance(folder, (str, Path)):
+        raise TypeError(f"folder must be a path; got {folder!r}.")
     folder = Path(folder)
     if folder.is_file():
         raise NotADirectoryError(
@@ -82,23 +85,27 @@ def load_collection(
     check_choice(on_invalid, "on_invalid", ("raise", "skip"))
     paths = _mesh_paths(folder, pattern, reference)
     names = [path.stem for path in paths]
-    read = [_read(path, skip=on_invalid == "skip" and i > 0) for i, path in enumerate(paths)]
+    skip = on_invalid == "skip"
+    read = [_read(path, skip=skip and i > 0) for i, path in enumerate(paths)]
     meshes: list[Any] = [mesh for mesh, _ in read]
     found = [truth for _, truth in read]
+    beside = any(truth is not None for truth in found)
+    faults = _missing_or_odd(paths, meshes, found) if beside else _other_faces(meshes, folder)
+    for i, fault in faults.items():
+        if not skip or i == 0:
+            raise CorrespondenceError(fault)
+        meshes[i] = SkippedShape(names[i], fault, meshes[i].n_vertices)
     warn_of_skipped(meshes)
     sound = [i for i, mesh in enumerate(meshes) if not isinstance(mesh, SkippedShape)]
-    if all(found[i] is None for i in sound):
-        by_number = dict(zip(sound, _by_vertex_number([meshes[i] for i in sound], folder), strict=True))
-        how, correspondences = "vertices correspond by number", [by_number.get(i, _NONE) for i in range(len(meshes))]
-    else:
-        together = dict(
-            zip(sound, _all_found([found[i] for i in sound], [names[i] for i in sound], folder), strict=True)
-        )
-        correspondences = [together.get(i, _NONE) for i in range(len(meshes))]
+    if beside:
+        correspondences = [(found[i] if i in sound else None) or _NONE for i in range(len(meshes))]
         counts = [len(correspondences[i].pairs) for i in sound]
         n_symmetric = sum(truth.has_symmetric for truth in correspondences)
         how = f"{_range(counts)} pairs per mesh read beside them, symmetric answers for {n_symmetric} of {len(meshes)}"
-        _check_vts_lengths([paths[i] for i in sound])
+    else:
+        by_number = (Correspondence.from_vertices(np.arange(mesh.n_vertices)) for mesh in meshes)
+        correspondences = [truth if i in sound else _NONE for i, truth in enumerate(by_number)]
+        how = "vertices correspond by number"
     return Bunch(
         meshes=meshes,
         correspondences=correspondences,
@@ -129,9 +136,13 @@ def _range(counts: list[int]) -> str:
 
 
 def _mesh_paths(folder: Path, pattern: str, reference: str | None) -> list[Path]:
+    if not isinstance(pattern, str) or not pattern or "/" in pattern or "**" in pattern:
+        raise ValueError(f"pattern must be the name of meshes in the folder, '*' for any letters; got {pattern!r}.")
     for suffix in MESH_SUFFIXES:
         pattern = pattern.removesuffix(suffix)
-    paths = sorted((p for p in folder.glob(pattern + ".*") if p.suffix.lower() in MESH_SUFFIXES), key=_natural)
+    # Files that begin with a dot are what systems leave beside others; a link that leads nowhere is an error later.
+    seen = (p for p in folder.glob(pattern + ".*") if p.is_symlink() or p.is_file())
+    paths = sorted((p for p in seen if p.suffix.lower() in MESH_SUFFIXES and p.name[0] != "."), key=_natural)
     if not paths:
         raise FileNotFoundError(f"{folder} has no mesh {pattern!r} with suffix {', '.join(MESH_SUFFIXES)}.")
     stems = [path.stem for path in paths]
@@ -148,7 +159,7 @@ def _mesh_paths(folder: Path, pattern: str, reference: str | None) -> list[Path]
 
 def _natural(path: Path) -> list[tuple[int, int | str]]:
     parts = re.split(r"(\d+)", path.name)
-    return [(0, int(part)) if part.isdigit() else (1, part) for part in parts]
+    return [(0, int(part)) if part.isdecimal() else (1, part) for part in parts]
 
 
 def _read_correspondence(path: Path, mesh: Mesh) -> Correspondence | None:
@@ -166,25 +177,48 @@ def _find_correspondence(path: Path, mesh: Mesh) -> Correspondence | None:
         sym = path.with_suffix(".sym.vts")
         symmetric = _read_vts(sym, mesh) if sym.is_file() else None
         return Correspondence.from_template(_read_vts(vts, mesh), symmetric)
+    if path.with_suffix(".sym.vts").is_file():
+        raise CorrespondenceError(f"{path.with_suffix('.sym.vts')} has no {path.with_suffix('.vts').name} beside it.")
     for kind in ("vertices", "template", "pairs"):
         stem = path.stem if kind == "pairs" else f"{path.stem}.{kind}"
         for suffix in (".npy", ".txt"):
             if (file := path.with_name(stem + suffix)).is_file():
-                return _of_kind(kind, _read_integers(file), file, mesh)
+                try:
+                    return _of_kind(kind, _read_integers(file), file, mesh)
+                except CorrespondenceError as error:
+                    raise CorrespondenceError(str(error) if str(file) in str(error) else f"{file}: {error}") from None
     return None
 
 
-def _check_vts_lengths(paths: list[Path]) -> None:
-    """Raise unless all .vts and .sym.vts files have one line per template point."""
-    files = [path.with_suffix(suffix) for path in paths for suffix in (".vts", ".sym.vts")]
-    lengths = {file.name: len(_read_integers(file)) for file in files if file.is_file()}
-    if len(set(lengths.values())) > 1:
-        usual = max(lengths.values(), key=list(lengths.values()).count)
-        odd = {name: length for name, length in lengths.items() if length != usual}
-        raise CorrespondenceError(
-            f".vts files must all have one line per template point, {usual} here; these differ: {odd}. For points that "
-            "a shape lacks, use NAME.template.txt with -1."
-        )
+def _missing_or_odd(
+    paths: list[Path], meshes: list[Mesh | SkippedShape], found: list[Correspondence | None]
+) -> dict[int, str]:
+    """Return what is wrong with the files beside meshes, by place: there is none, or .vts files differ in length."""
+    sound = [i for i, mesh in enumerate(meshes) if isinstance(mesh, Mesh)]
+    missing = [paths[i].stem for i in sound if found[i] is None]
+    faults = {
+        i: f"{paths[i].parent} has correspondence files for some meshes, but none for {missing}; add them, or choose "
+        "meshes with `pattern`."
+        for i in sound
+        if found[i] is None
+    }
+    lengths = {i: _vts_lengths(paths[i]) for i in sound}
+    every = [length for own in lengths.values() for length in own.values()]
+    for i, own in lengths.items():
+        usual = max(every, key=every.count) if every else 0
+        odd = {name: length for name, length in own.items() if length != usual}
+        if odd:
+            faults[i] = (
+                f".vts files must all have one line per template point, {usual} here; these differ: {odd}. For points "
+                "that a shape lacks, use NAME.template.txt with -1."
+            )
+    return faults
+
+
+def _vts_lengths(path: Path) -> dict[str, int]:
+    """Return the number of lines of the .vts and .sym.vts files of a mesh."""
+    files = (path.with_suffix(suffix) for suffix in (".vts", ".sym.vts"))
+    return {file.name: len(_read_integers(file)) for file in files if file.is_file()}
 
 
 def _read_vts(path: Path, mesh: Mesh) -> IntArray:
@@ -231,10 +265,7 @@ def _of_kind(kind: str, values: IntArray, path: Path, mesh: Mesh) -> Corresponde
                 f"{path.stem}.template{path.suffix} (vertex of each template point)."
             )
         check_index_range(values[:, 0], mesh.n_vertices, f"The pairs of {path}")
-        try:
-            return Correspondence(values)
-        except CorrespondenceError as error:
-            raise CorrespondenceError(f"{path}: {error}") from None
+        return Correspondence(values)
     if kind == "template":
         check_index_range(values[values >= 0], mesh.n_vertices, f"The entries of {path}")
         return Correspondence.from_template(values)
@@ -245,22 +276,12 @@ def _of_kind(kind: str, values: IntArray, path: Path, mesh: Mesh) -> Corresponde
     return Correspondence.from_vertices(values)
 
 
-def _by_vertex_number(meshes: list[Mesh], folder: Path) -> list[Correspondence]:
-    for mesh in meshes[1:]:
-        if not np.array_equal(mesh.faces, meshes[0].faces):
-            raise CorrespondenceError(
-                f"{folder} has no correspondence files, and {mesh.name!r} has other faces than {meshes[0].name!r}, so "
-                "that vertices do not correspond by number. Put a file beside each mesh: NAME.vts, "
-                "NAME.vertices.txt, NAME.template.txt or NAME.txt; help(skfmap.datasets.load_collection) explains them."
-            )
-    return [Correspondence.from_vertices(np.arange(mesh.n_vertices)) for mesh in meshes]
-
-
-def _all_found(found: list[Correspondence | None], names: list[str], folder: Path) -> list[Correspondence]:
-    missing = [name for name, truth in zip(names, found, strict=True) if truth is None]
-    if missing:
-        raise CorrespondenceError(
-            f"{folder} has correspondence files for some meshes, but none for {missing}; add them, or choose meshes "
-            "with `pattern`."
-        )
-    return [truth for truth in found if truth is not None]
+def _other_faces(meshes: list[Any], folder: Path) -> dict[int, str]:
+    """Return, by place, which meshes have other faces than the first, so that vertices do not correspond by number."""
+    return {
+        i: f"{folder} has no correspondence files, and {mesh.name!r} has other faces than {meshes[0].name!r}, so that "
+        "vertices do not correspond by number. Put a file beside each mesh: NAME.vts, NAME.vertices.txt, "
+        "NAME.template.txt or NAME.txt; help(skfmap.datasets.load_collection) explains them."
+        for i, mesh in enumerate(meshes)
+        if isinstance(mesh, Mesh) and not np.array_equal(mesh.faces, meshes[0].faces)
+    }

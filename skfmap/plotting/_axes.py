@@ -2,7 +2,11 @@
 
 from typing import Any
 
-__all__ = ["axes_or_new", "finish"]
+import numpy as np
+
+from skfmap._typing import FloatArray
+
+__all__ = ["axes_or_new", "finish", "of_known_shapes"]
 
 # Okabe and Ito's colours, which the colour-blind can tell apart.
 _COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
@@ -16,6 +20,15 @@ def axes_or_new(ax: Any) -> Any:
     if not drawn.lines:
         drawn.set_prop_cycle(color=_COLOURS)
     return drawn
+
+
+def of_known_shapes(differences: FloatArray) -> FloatArray:
+    """Return the differences of maps without those of shapes that were left out, which are NaN."""
+    stacked = differences.reshape(-1, *differences.shape[-2:])
+    known = ~np.isnan(stacked).any(axis=(1, 2))
+    if not known.any():
+        raise ValueError("There is nothing to draw: no shape could be used.")
+    return np.asarray(differences if differences.ndim == 2 else stacked[known])
 
 
 def finish(ax: Any, **labels: Any) -> None:

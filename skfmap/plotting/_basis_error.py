@@ -7,7 +7,7 @@ import numpy as np
 
 from skfmap._unwrap import learner_and_shapes
 from skfmap.metrics import basis_error
-from skfmap.plotting._axes import axes_or_new, finish
+from skfmap.plotting._axes import axes_or_new, finish, of_known_shapes
 
 __all__ = ["BasisErrorDisplay"]
 
@@ -100,8 +100,9 @@ class BasisErrorDisplay:
             What was drawn.
         """
         maps, known_maps, Y = (np.asarray(array, dtype=np.float64) for array in (maps, known_maps, stable_basis))
-        pairs = zip(maps.reshape(-1, *maps.shape[-2:]), known_maps.reshape(-1, *known_maps.shape[-2:]), strict=True)
-        return cls(np.stack([basis_error(X, C, Y) for X, C in pairs]), name=name).plot(ax, **kwargs)
+        differences = of_known_shapes((maps - known_maps).reshape(-1, *maps.shape[-2:]))
+        errors = [basis_error(difference, np.zeros_like(difference), Y) for difference in differences]
+        return cls(np.stack(errors), name=name).plot(ax, **kwargs)
 
     def plot(self, ax: Any = None, *, name: str | None = None, **kwargs: Any) -> Self:
         """Draw the curve; several may share axes.

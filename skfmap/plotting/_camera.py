@@ -7,7 +7,7 @@ import numpy as np
 from skfmap._typing import FloatArray
 from skfmap._validation import check_choice, check_number
 
-__all__ = ["Camera", "turn_upright"]
+__all__ = ["Camera", "check_camera", "turn_upright"]
 
 
 @dataclass(frozen=True)
@@ -78,3 +78,12 @@ def turn_upright(points: FloatArray, up: str) -> FloatArray:
     """Return points with the axis that pointed up as z; a rotation, so that left stays left."""
     order = {"z": [0, 1, 2], "y": [2, 0, 1], "x": [1, 2, 0]}[up]
     return np.asarray(points, dtype=np.float64)[..., order]
+
+
+def check_camera(camera: object) -> Camera:
+    """Return a camera, the usual one if none is given."""
+    if camera is None:
+        return Camera()
+    if not isinstance(camera, Camera):
+        raise TypeError(f"camera must be a Camera: Camera(up='y'), for instance; got {camera!r}.")
+    return camera

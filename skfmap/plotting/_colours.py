@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 
 from skfmap._typing import FloatArray
+from skfmap._validation import as_reals
 from skfmap.shapes import Mesh
 
 __all__ = ["CONFIDENCE", "ERRORS", "UNKNOWN", "Scale", "colours_of_position", "scale_of"]
@@ -61,8 +62,24 @@ def scale_of(values: list[Any], cmap: str | None = None, limits: Any = None, lab
     if low < 0 < high:
         low, high = -max(-low, high), max(-low, high)
     if limits is not None:
-        low, high = (float(end) for end in limits)
+        low, high = _checked_limits(limits)
+    if cmap is not None:
+        _check_cmap(cmap)
     return Scale(cmap or (DIVERGING if low < 0 < high else SEQUENTIAL), low, high, label)
+
+
+def _checked_limits(limits: Any) -> tuple[float, float]:
+    ends = as_reals(limits, "limits")
+    if ends.shape != (2,) or not np.isfinite(ends).all() or not ends[0] < ends[1]:
+        raise ValueError(f"limits must be two numbers, the lower first; got {limits!r}.")
+    return float(ends[0]), float(ends[1])
+
+
+def _check_cmap(cmap: str) -> None:
+    from matplotlib import colormaps  # noqa: PLC0415
+
+    if cmap not in colormaps:
+        raise ValueError(f"cmap must be the name of a colour map of matplotlib; got {cmap!r}.")
 
 
 def colours_of_position(mesh: Mesh) -> FloatArray:

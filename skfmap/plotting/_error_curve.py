@@ -126,6 +126,9 @@ class ErrorCurveDisplay:
         weights = None
         if isinstance(errors, PairErrors):
             errors = [errors]
+        known = [one for one in errors if not isinstance(one, PairErrors) or len(one.vertices)]
+        if not known:
+            raise ValueError("There is nothing to draw: no errors, or no shape could be used.")
         if isinstance(errors, (list, tuple)) and all(isinstance(one, PairErrors) for one in errors):
             weights = np.concatenate([one.weights for one in errors])
             errors = np.concatenate([one.of_kind(kind) for one in errors])

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from skfmap._typing import FloatArray, IntArray
+from skfmap._validation import check_place
 from skfmap.metrics import PairErrors
 from skfmap.plotting._camera import Camera
 from skfmap.plotting._colours import UNKNOWN, Scale, undefined_as_nan
@@ -154,7 +155,7 @@ def _write(scene: Scene, path: str | Path, targets: Sequence[IntArray | None], t
         include_plotlyjs=True, post_script=_LINK_CAMERAS % names, config={"displaylogo": False, "responsive": False}
     )
     text = text.replace("<head>", f'<head><meta charset="utf-8" /><title>skfmap: {title}</title>', 1)
-    Path(path).write_text(text, encoding="utf-8")
+    check_place(path).write_text(text, encoding="utf-8")
     return Path(path)
 
 

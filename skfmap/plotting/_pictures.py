@@ -6,9 +6,10 @@ from typing import Any
 
 import numpy as np
 
+from skfmap._validation import check_place
 from skfmap.io import as_mesh
 from skfmap.metrics import PairErrors
-from skfmap.plotting._camera import Camera
+from skfmap.plotting._camera import Camera, check_camera
 from skfmap.plotting._colours import Scale, scale_of
 from skfmap.plotting._scene import Scene, check_values, scene_of_functions, scene_of_matches
 from skfmap.plotting._surface import draw_surface
@@ -72,7 +73,7 @@ def plot_function(
     """
     from matplotlib import pyplot as plt  # noqa: PLC0415
 
-    mesh, camera = as_mesh(mesh), camera or Camera()
+    mesh, camera = as_mesh(mesh), check_camera(camera)
     given = check_values(values, mesh)
     if ax is None:
         ax = plt.figure(figsize=(4, 4)).add_subplot()
@@ -235,5 +236,5 @@ def _draw_scale(figure: Any, axes: Any, scale: Scale | None, label: str) -> None
 
 def _saved(figure: Any, path: str | Path | None) -> Any:
     if path is not None:
-        figure.savefig(path, dpi=_DPI)
+        figure.savefig(check_place(path), dpi=_DPI)
     return figure

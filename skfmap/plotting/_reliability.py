@@ -7,6 +7,7 @@ import numpy as np
 
 from skfmap._typing import FloatArray
 from skfmap._unwrap import learner_and_shapes
+from skfmap._validation import check_number
 from skfmap.plotting._axes import axes_or_new, finish
 
 __all__ = ["ReliabilityDisplay"]
@@ -133,6 +134,7 @@ class ReliabilityDisplay:
         ValueError
             If expected and true errors have unequal lengths or fewer entries than bins.
         """
+        check_number(n_bins, "n_bins", low=1, integer=True)
         x, y = (np.asarray(values, dtype=np.float64) for values in (self.expected, self.errors))
         if x.shape != y.shape or x.ndim != 1 or len(x) < n_bins:
             raise ValueError(

@@ -10,7 +10,7 @@ from skfmap._typing import FloatArray
 from skfmap._validation import check_choice, label
 from skfmap.io import as_mesh, as_meshes
 from skfmap.metrics import PairErrors
-from skfmap.plotting._camera import Camera, turn_upright
+from skfmap.plotting._camera import Camera, check_camera, turn_upright
 from skfmap.plotting._colours import CONFIDENCE, ERRORS, UNKNOWN, Scale, colours_of_position, scale_of
 from skfmap.shapes import Match, Mesh
 
@@ -90,7 +90,7 @@ def scene_of_functions(
     camera: Camera | None,
 ) -> Scene:
     """Return a column per mesh, a row per function, each row with a scale of its own unless limits are given."""
-    shapes, camera = as_meshes(meshes), camera or Camera()
+    shapes, camera = as_meshes(meshes), check_camera(camera)
     if len(functions) != len(shapes):
         raise ValueError(f"Give the functions of each mesh; got {len(shapes)} meshes and {len(functions)} functions.")
     columns = [_columns(values, mesh) for values, mesh in zip(functions, shapes, strict=True)]
@@ -136,7 +136,7 @@ def scene_of_matches(
         raise ValueError(f"Give one mesh per match, and at least one; got {len(meshes)} and {len(matches)}.")
     _check_length(captions, len(matches), "captions", "match")
     show = _check_shown(show, errors, len(matches))
-    shapes, origin, camera = as_meshes(meshes), as_mesh(reference), camera or Camera()
+    shapes, origin, camera = as_meshes(meshes), as_mesh(reference), check_camera(camera)
     for match, mesh in zip(matches, shapes, strict=True):
         _check_match(match, mesh, origin)
     colours = colours_of_position(origin)
@@ -177,6 +177,8 @@ def _title(what: str, name: str | None) -> str:
 
 def _check_shown(show: Sequence[str], errors: Sequence[PairErrors] | None, n_matches: int) -> tuple[str, ...]:
     """Return the rows, true errors last if they are given."""
+    if isinstance(show, str) or not len(show):
+        raise ValueError(f"show must hold one at least of {SHOWN}; got {show!r}.")
     for what in show:
         check_choice(what, "show", SHOWN)
     if errors is None and "true error" in show:
@@ -210,6 +212,8 @@ def _check_length(given: Sequence[str] | None, expected: int, name: str, what: s
 
 def _placed(mesh: Mesh, up: str) -> FloatArray:
     """Return vertices with z up, the middle of their bounding box at the origin, at unit area."""
+    if not mesh.area > 0:
+        raise ValueError(f"{label(mesh.name)} has no area; there is nothing to draw.")
     points = turn_upright(mesh.vertices, up) / np.sqrt(mesh.area)
     return np.asarray(points - (points.min(axis=0) + points.max(axis=0)) / 2)
 

@@ -8,7 +8,7 @@ import numpy as np
 from skfmap._typing import FloatArray
 from skfmap._unwrap import learner_and_shapes
 from skfmap.metrics import error_curve
-from skfmap.plotting._axes import axes_or_new, finish
+from skfmap.plotting._axes import axes_or_new, finish, of_known_shapes
 
 __all__ = ["SingularValuesDisplay"]
 
@@ -92,7 +92,7 @@ class SingularValuesDisplay:
         SingularValuesDisplay
             What was drawn.
         """
-        difference = np.asarray(maps) - np.asarray(known_maps)
+        difference = of_known_shapes(np.asarray(maps) - np.asarray(known_maps))
         values = np.linalg.svd(difference, compute_uv=False)
         return cls(np.atleast_2d(values), name=name).plot(ax, **kwargs)
 

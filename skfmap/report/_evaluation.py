@@ -1,12 +1,13 @@
 """Errors of a model on shapes that it was not trained on: folds left out in turn, on one reference."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 from sklearn.base import clone
 
+from skfmap._inputs import check_correspondences
 from skfmap._parallel import tell
 from skfmap._unwrap import learner_and_shapes
 from skfmap._validation import label
@@ -27,7 +28,7 @@ class Evaluation:
     Attributes
     ----------
     meshes : list of Mesh
-        The shapes, without the reference.
+        The shapes, without the reference; of one that was mended, the mended mesh, whose numbers all else refers to.
     matches : list of Match
         From each to the reference.
     errors : list of PairErrors
@@ -76,21 +77,24 @@ def evaluate(
     -------
     Evaluation
         One entry for each shape but the reference, in the order of ``X``; shapes that the steps before the learner
-        skipped are left out.
+        skipped are left out, and so are those whose correspondence does not fit if the learner skips them.
 
     Raises
     ------
+    CorrespondenceError
+        If a correspondence does not fit its shape.
     ValueError
-        If ``X`` does not hold the model's reference, or fewer than two other shapes.
+        If ``X`` does not hold the model's reference, or fewer than two other shapes; if ``y`` has another length.
     """
     learner, given = learner_and_shapes(model, X)
-    usable = [i for i, shape in enumerate(given) if not isinstance(shape, SkippedShape)]
-    shapes, y = [given[i] for i in usable], [y[i] for i in usable]
-    y_scored = None if y_scored is None else [y_scored[i] for i in usable]
-    place = _place_of_reference(learner, shapes)
-    order = [place, *(i for i in range(len(shapes)) if i != place)]
-    shapes, truths = [shapes[i] for i in order], [_correspondence(y[i]) for i in order]
-    scored = thin_out(truths if y_scored is None else [_correspondence(y_scored[i]) for i in order])
+    skip = learner.on_invalid == "skip"
+    known = check_correspondences(y, given, skip=skip)
+    asked = known if y_scored is None else check_correspondences(y_scored, given, skip=skip)
+    usable = [i for i in range(len(given)) if not any(isinstance(one[i], SkippedShape) for one in (known, asked))]
+    place = _place_of_reference(learner, given, usable)
+    order = [place, *(i for i in usable if i != place)]
+    shapes, truths = [_as_numbered_now(given[i]) for i in order], [known[i] for i in order]
+    scored = thin_out([asked[i] for i in order])
     fitted: dict[int, tuple[Match, PairErrors]] = {}
     without: dict[int, PairErrors] = {}
     splits = list(PinnedReference(_folds(cv, len(shapes) - 1)).split(shapes, truths))
@@ -126,10 +130,10 @@ def _folds(cv: Any, n_shapes: int) -> Any:
     return min(cv, n_shapes) if isinstance(cv, int) else cv
 
 
-def _place_of_reference(learner: Any, shapes: Sequence[ProbedShape]) -> int:
+def _place_of_reference(learner: Any, shapes: Sequence[ProbedShape], usable: Sequence[int]) -> int:
     wanted = learner.reference_.spectral.mesh.content_hash
-    for i, shape in enumerate(shapes):
-        if shape.spectral.mesh.content_hash == wanted:
+    for i in usable:
+        if shapes[i].spectral.mesh.content_hash == wanted:
             return i
     raise ValueError(
         f"X does not hold the model's reference, {label(learner.reference_.name, 'shape')}. Give the shapes that the "
@@ -137,8 +141,9 @@ def _place_of_reference(learner: Any, shapes: Sequence[ProbedShape]) -> int:
     )
 
 
-def _correspondence(given: Any) -> Correspondence:
-    return given if isinstance(given, Correspondence) else Correspondence(given)
+def _as_numbered_now(shape: ProbedShape) -> ProbedShape:
+    """Return the shape as if its vertices had always had the numbers of the mended mesh, as its correspondence has."""
+    return replace(shape, spectral=replace(shape.spectral, vertex_map=None))
 
 
 def _trained(learner: Any, shapes: Sequence[Any], truths: Sequence[Any], train: Any, **changes: Any) -> Any:

@@ -10,7 +10,7 @@ import numpy as np
 import sklearn
 
 from skfmap._unwrap import fitted_learner
-from skfmap._validation import check_number
+from skfmap._validation import check_number, check_place
 from skfmap._version import __version__
 from skfmap.metrics import ERROR_KINDS, PairErrors
 from skfmap.plotting import (
@@ -81,7 +81,9 @@ def write_report(
     Raises
     ------
     ValueError
-        If ``X`` and ``y`` are not those of the model, or only one of them is given.
+        If ``X`` and ``y`` are not those of the model, or only one of them is given, or no shape could be scored.
+    FileNotFoundError
+        If there is no folder for the page.
     sklearn.exceptions.NotFittedError
         If the model is not fitted.
 
@@ -109,6 +111,7 @@ def write_report(
         raise ValueError("Give X and y together: the shapes that the model was fitted on, and their correspondences.")
     if evaluation is None and X is not None and y is not None:
         evaluation = evaluate(model, X, y, cv=cv, y_scored=y_scored, verbose=verbose)
+    evaluation = None if evaluation is None else _usable(evaluation)
     news = findings_of_model(learner)
     sections = []
     if evaluation is not None:
@@ -122,8 +125,21 @@ def write_report(
         _collection(learner, evaluation),
         _settings(learner),
     ]
-    Path(path).write_text(page(title, _subtitle(learner), sections), encoding="utf-8")
+    check_place(path).write_text(page(title, _subtitle(learner), sections), encoding="utf-8")
     return Path(path)
+
+
+def _usable(evaluation: Evaluation) -> Evaluation:
+    """Return the evaluation without shapes that were left out, which have no errors."""
+    kept = [i for i, errors in enumerate(evaluation.errors) if len(errors.vertices)]
+    if not kept:
+        raise ValueError("The evaluation holds no shape that could be matched and scored; write the report without it.")
+    return Evaluation(
+        [evaluation.meshes[i] for i in kept],
+        [evaluation.matches[i] for i in kept],
+        [evaluation.errors[i] for i in kept],
+        [evaluation.naive_errors[i] for i in kept if evaluation.naive_errors],
+    )
 
 
 def _subtitle(learner: Any) -> str:
