@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 
 from skfmap._confidence import ErrorModel, Observation, Watch, fit_error_model, observe, watch_reference
-from skfmap._matching import UNREFINED, Matcher, match_points
+from skfmap._matching import UNREFINED, Matcher, match_points, penalised_error
 from skfmap._parallel import map_shapes
 from skfmap._training import Training, learn_from_rows, learning_arrays, matcher_from
 from skfmap._typing import FloatArray, IntArray
@@ -20,8 +20,8 @@ _FOLD_OPTIONS = {"max_iter": 60, "tol": 1e-3}
 
 def calibrate(
     training: Training, whole: Matcher, options: dict[str, Any], *, memory: Any, n_jobs: int | None
-) -> dict[str, ErrorModel]:
-    """Relate what matches show of themselves to their errors, on shapes left out of the learning.
+) -> tuple[dict[str, ErrorModel], FloatArray]:
+    """Relate what matches show of themselves to their errors, on shapes left out of the learning, and how these fit.
 
     Parameters
     ----------
@@ -38,8 +38,10 @@ def calibrate(
 
     Returns
     -------
-    dict of ErrorModel
+    error_models : dict of ErrorModel
         Keys: ``"unrefined"``, and the refinement of the settings.
+    misfits : ndarray of shape (n_used,)
+        What is left of equation (2) on each shape when it is left out.
     """
     used = np.flatnonzero(training.share > 0)
     watch = watch_reference(training.reference, [training.joins[i] for i in used], memory)
@@ -51,9 +53,10 @@ def calibrate(
         for matcher, rows in zip(matchers, left_out, strict=True)
         for i in rows
     )
-    observed = map_shapes(_observe_all, arguments, n_jobs=n_jobs, verbose=0, prefer="threads")
+    watched = map_shapes(_observe_all, arguments, n_jobs=n_jobs, verbose=0, prefer="threads")
+    observed = [one for one, _ in watched]
     share = training.share[np.concatenate(left_out)]
-    return {
+    error_models = {
         kind: fit_error_model(
             [one[kind]._replace(weights=own * one[kind].weights) for own, one in zip(share, observed, strict=True)],
             watch,
@@ -61,6 +64,7 @@ def calibrate(
         )
         for kind in observed[0]
     }
+    return error_models, np.array([misfit for _, misfit in watched])
 
 
 def _matchers_without(
@@ -82,7 +86,8 @@ def _matchers_without(
 
 def _observe_all(
     matcher: Matcher, shape: ProbedShape, join: JoinedPairs, areas: FloatArray, watch: Watch
-) -> dict[str, Observation]:
+) -> tuple[dict[str, Observation], float]:
     before, after = match_points(matcher, shape)
     kinds = {UNREFINED: before, matcher.settings.refine or UNREFINED: after}
-    return {kind: observe(matcher, shape, join, areas, match, watch) for kind, match in kinds.items()}
+    seen = {kind: observe(matcher, shape, join, areas, match, watch) for kind, match in kinds.items()}
+    return seen, penalised_error(matcher, shape)

@@ -42,16 +42,13 @@ def warn_of_mirrored_training_shapes(training: Training) -> None:
         )
 
 
-def warn_of_mirrored_shapes(matcher: Matcher, shapes: Sequence[ProbedShape]) -> None:
-    """Warn of new shapes that fit much better once their oriented probes are negated."""
+def warn_of_mirrored_shapes(matcher: Matcher, shapes: Sequence[ProbedShape]) -> list[int]:
+    """Warn of new shapes that fit much better once their oriented probes are negated; return their places."""
     odd = _odd(matcher.reference)
     if not odd.any():
-        return
-    suspects = [
-        f"X[{i}]" if shape.name is None else repr(shape.name)
-        for i, shape in enumerate(shapes)
-        if _is_mirrored(matcher, shape, odd)
-    ]
+        return []
+    places = [i for i, shape in enumerate(shapes) if _is_mirrored(matcher, shape, odd)]
+    suspects = [f"X[{i}]" if shapes[i].name is None else repr(shapes[i].name) for i in places]
     if suspects:
         warnings.warn(
             f"As mirror images, these shapes fit the reference much better: {', '.join(suspects)}. Left may be taken "
@@ -60,6 +57,7 @@ def warn_of_mirrored_shapes(matcher: Matcher, shapes: Sequence[ProbedShape]) -> 
             OrientationWarning,
             stacklevel=4,
         )
+    return places
 
 
 def _odd(shape: ProbedShape) -> FloatArray:

@@ -9,6 +9,7 @@ __all__ = [
     "RepairWarning",
     "SkippedShapeWarning",
     "StabilityWarning",
+    "UnfamiliarShapeWarning",
     "VersionWarning",
 ]
 
@@ -47,3 +48,7 @@ class SkippedShapeWarning(UserWarning):
 
 class StabilityWarning(UserWarning):
     """What was learned carries hardly any function where it belongs, or has weights at their bounds."""
+
+
+class UnfamiliarShapeWarning(UserWarning):
+    """A shape is not like the training shapes: its matches are worse than their expected errors say."""

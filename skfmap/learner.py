@@ -15,6 +15,7 @@ from sklearn.utils.validation import check_is_fitted
 from skfmap._bridge import choose_bridge, cross, cross_over, pays
 from skfmap._calibration import calibrate
 from skfmap._callbacks import CallbackSupportMixin, FitTask, with_callbacks
+from skfmap._familiarity import warn_of_unfamiliar_shapes
 from skfmap._handedness import warn_of_mirrored_shapes, warn_of_mirrored_training_shapes
 from skfmap._inputs import check_correspondences, check_same_probes, check_shapes, place
 from skfmap._matching import MATCHINGS, REFINEMENTS, UNREFINED, Matcher, Settings, learned_map
@@ -152,6 +153,9 @@ class WeightedFunctionalMapLearner(CallbackSupportMixin, Versioned, BaseEstimato
         Mean errors on training shapes left out, ``"direct"`` and ``"bridge"``; empty if no bridge was looked for.
     error_models_ : dict
         What error to expect of a match, for ``"unrefined"`` ones and for those refined as ``refine`` says.
+    misfits_ : ndarray of shape (n_training_shapes_,)
+        What was left of equation (2) on each training shape when it was left out of the learning (of the only one, as
+        it was learned). A new shape far beyond the largest is not like them.
 
     See Also
     --------
@@ -277,7 +281,7 @@ class WeightedFunctionalMapLearner(CallbackSupportMixin, Versioned, BaseEstimato
         learned = single_threaded(self._learn, training, task)
         fitted = self._fitted_attributes(training, learned)
         self._tell("calibrating expected errors on training shapes left out in turn")
-        fitted["error_models_"] = calibrate(
+        fitted["error_models_"], fitted["misfits_"] = calibrate(
             training,
             _matcher_of(fitted),
             self._options(training.reference),
@@ -307,11 +311,20 @@ class WeightedFunctionalMapLearner(CallbackSupportMixin, Versioned, BaseEstimato
         -------
         maps : ndarray of shape (n_shapes, k, k)
             Functional maps, in the order of ``X``.
+
+        Warns
+        -----
+        UnfamiliarShapeWarning
+            If a shape is not like the training shapes.
         """
         given, k = self._check_new(X), len(self.stable_basis_)
-        arguments = ((self._matcher(), shape) for shape in given.shapes)
-        maps = map_shapes(learned_map, arguments, n_jobs=self.n_jobs, verbose=0, prefer="threads")
+        warn_of_unfamiliar_shapes(self._matcher(), self.misfits_, given.shapes, self.n_jobs, stacklevel=3)
+        maps = self._functional_maps(given.shapes)
         return np.stack(spread(maps, given, lambda _: np.full((k, k), np.nan)))
+
+    def _functional_maps(self, shapes: Sequence[ProbedShape]) -> list[FloatArray]:
+        arguments = ((self._matcher(), shape) for shape in shapes)
+        return list(map_shapes(learned_map, arguments, n_jobs=self.n_jobs, verbose=0, prefer="threads"))
 
     def ground_truth_maps(self, X: Sequence[ProbedShape], y: Sequence[Any]) -> FloatArray:
         """Return the maps C_i that known correspondences make, to compare `functional_maps` with.
@@ -381,21 +394,31 @@ class WeightedFunctionalMapLearner(CallbackSupportMixin, Versioned, BaseEstimato
         OrientationWarning
             If a shape fits the reference much better as a mirror image. A mirrored body that is its own mirror image
             cannot be told from a body, and is matched by its own left and right.
+        UnfamiliarShapeWarning
+            If a shape is not like the training shapes: another kind of body, another resolution.
         """
         given = self._check_new(X)
         check_choice(interpolate, "interpolate", INTERPOLATIONS)
         matcher = self._matcher(refine=refine)
-        warn_of_mirrored_shapes(matcher, given.shapes)
-        if self.bridge_ is not None and given.shapes:
-            matches = self.bridge_.match(given.shapes, refine=refine, interpolate=interpolate)
-            direct = self.functional_maps(given.shapes)
-            matches = [cross(one, C, matcher, self._across) for one, C in zip(matches, direct, strict=True)]
-        else:
-            arguments = ((matcher, self.error_models_, shape, interpolate) for shape in given.shapes)
-            found = map_shapes(match_shape, arguments, n_jobs=self.n_jobs, verbose=0, prefer="threads")
-            matches = [as_given(one, shape.spectral.vertex_map) for one, shape in zip(found, given.shapes, strict=True)]
-        k, p = len(self.stable_basis_), self.n_stable_
-        return spread(matches, given, lambda skipped: no_match(skipped, self.reference_, k, p))
+        mirrored = warn_of_mirrored_shapes(matcher, given.shapes)
+        warn_of_unfamiliar_shapes(matcher, self.misfits_, given.shapes, self.n_jobs, told=mirrored, stacklevel=3)
+        return spread(self._matches(matcher, given.shapes, refine, interpolate), given, self._no_match)
+
+    def _matches(
+        self, matcher: Matcher, shapes: Sequence[ProbedShape], refine: str | None, interpolate: str | None
+    ) -> list[Match]:
+        """Return the matches of shapes that can be used, directly or through the bridge."""
+        if self.bridge_ is not None:
+            inner = self.bridge_
+            matches = inner._matches(inner._matcher(refine=refine), shapes, refine, interpolate)
+            direct = self._functional_maps(shapes)
+            return [cross(one, C, matcher, self._across) for one, C in zip(matches, direct, strict=True)]
+        arguments = ((matcher, self.error_models_, shape, interpolate) for shape in shapes)
+        found = map_shapes(match_shape, arguments, n_jobs=self.n_jobs, verbose=0, prefer="threads")
+        return [as_given(one, shape.spectral.vertex_map) for one, shape in zip(found, shapes, strict=True)]
+
+    def _no_match(self, skipped: SkippedShape) -> Match:
+        return no_match(skipped, self.reference_, len(self.stable_basis_), self.n_stable_)
 
     def point_maps(
         self,
@@ -726,6 +749,7 @@ class WeightedFunctionalMapLearner(CallbackSupportMixin, Versioned, BaseEstimato
             "_across": None,
             "_n_training": float(training.share.sum()),
             "error_models_": {},
+            "misfits_": np.empty(0),
             "_settings": settings,
         }
 

@@ -7,7 +7,7 @@ from sklearn.pipeline import make_pipeline
 import skfmap
 from skfmap import Correspondence, DescriptorTransformer, Mesh, SpectralBasis, WeightedFunctionalMapLearner
 from skfmap.datasets import make_creatures, make_sphere
-from skfmap.exceptions import CorrespondenceError, MeshError, SkippedShapeWarning
+from skfmap.exceptions import CorrespondenceError, MeshError, SkippedShapeWarning, UnfamiliarShapeWarning
 
 
 def test_repeated_eigenvalues_give_one_space_whatever_the_mesh():
@@ -44,6 +44,22 @@ def test_mixed_resolutions_are_matched():
     (match,) = skfmap.match(model, meshes[3:])
     assert len(match.p2p) == 3000
     assert model.score(meshes[3:], truths[3:]) > -0.15
+
+
+def test_a_shape_that_is_not_like_the_training_shapes_is_told():
+    """Thin limbs are another shape at four times the resolution: matches are wrong, and hopeful, but not in silence."""
+    coarse, fine = make_creatures(5, 500, n_points=500), make_creatures(5, 2000, n_points=500)
+    model = make_pipeline(
+        SpectralBasis(60), DescriptorTransformer(), WeightedFunctionalMapLearner(n_functions=30, tol=1e-3)
+    ).fit(coarse.meshes[:4], coarse.correspondences[:4])
+    assert len(model[-1].misfits_) == 3
+    (sound,) = skfmap.match(model, coarse.meshes[4:])  # and not a word
+    with pytest.warns(UnfamiliarShapeWarning, match=r"'cat4' \(\d\.\d times\).*another resolution"):
+        (match,) = skfmap.match(model, fine.meshes[4:])
+    with pytest.warns(UnfamiliarShapeWarning):
+        model.predict(fine.meshes[4:])
+    assert sound.expected_error.mean() > 0.5 * -model.score(coarse.meshes[4:], coarse.correspondences[4:])
+    assert match.expected_error.mean() < 0.5 * -model.score(fine.meshes[4:], fine.correspondences[4:])
 
 
 @pytest.mark.parametrize("unit", [1e-60, 1e-9, 1e9, 1e60])

@@ -41,10 +41,10 @@ from skfmap.geometry.geodesics import areas_of_landmarks, edge_path_distances, e
 from skfmap.geometry.laplacian import LAPLACIANS
 from skfmap.geometry.orientation import orient_faces, signed_volume
 
-# SKFMAP_EXAMPLES=20 for twenty times as many.
+# The same cases in every run; SKFMAP_EXAMPLES=20 for twenty times as many, others each time.
 _MORE = int(os.environ.get("SKFMAP_EXAMPLES", "1"))
-cases = settings(deadline=None, max_examples=100 * _MORE)
-few_cases = settings(deadline=None, max_examples=40 * _MORE)
+cases = settings(deadline=None, derandomize=_MORE == 1, max_examples=100 * _MORE)
+few_cases = settings(deadline=None, derandomize=_MORE == 1, max_examples=40 * _MORE)
 
 seeds = st.integers(0, 2**32 - 1)
 generators = seeds.map(np.random.default_rng)
@@ -181,8 +181,9 @@ def test_the_norm_is_free_of_rotation_between_0_and_the_rank_and_falls_with_epsi
 def test_the_gradient_of_the_norm_is_its_slope(rng, rows, k, epsilon):
     A, direction = rng.standard_normal((2, rows, k))
     _, gradient = rank_norm_and_gradient(A[None], epsilon)
-    at = [rank_norm(A + t * direction, epsilon) for t in (1e-3, -1e-3, 2e-3, -2e-3)]
-    numeric = (8 * (at[0] - at[1]) - (at[2] - at[3])) / 12e-3
+    step = 1e-3 * np.sqrt(epsilon)
+    at = [rank_norm(A + t * step * direction, epsilon) for t in (1, -1, 2, -2)]
+    numeric = (8 * (at[0] - at[1]) - (at[2] - at[3])) / (12 * step)
     assert np.sum(gradient[0] * direction) == pytest.approx(numeric, rel=1e-5, abs=1e-7)
 
 

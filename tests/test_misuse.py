@@ -6,6 +6,7 @@ import numpy as np
 import pandas as pd
 import pytest
 import trimesh
+from matplotlib import pyplot as plt
 from sklearn.pipeline import make_pipeline
 
 import skfmap
@@ -36,6 +37,12 @@ from skfmap.plotting import (
     plot_matches,
 )
 from skfmap.report import Evaluation, evaluate, write_report
+
+
+@pytest.fixture(autouse=True)
+def _no_figure_stays_open():
+    yield
+    plt.close("all")
 
 
 @pytest.fixture(scope="module")
@@ -269,6 +276,7 @@ def test_the_command_line_says_what_is_wrong_before_it_computes(tmp_path, capsys
     assert "pattern must be the name of meshes" in capsys.readouterr().err
 
 
+@pytest.mark.filterwarnings("ignore::skfmap.exceptions.UnfamiliarShapeWarning")
 def test_the_command_line_takes_small_meshes(tmp_path, capsys):
     folder = tmp_path / "balls"
     folder.mkdir()

@@ -8,6 +8,7 @@ import pytest
 
 from skfmap import DescriptorTransformer, SpectralBasis, WeightedFunctionalMapLearner
 from skfmap.datasets import load_collection
+from skfmap.exceptions import UnfamiliarShapeWarning
 
 DATA = Path(os.environ.get("SKFMAP_DATA", Path(__file__).resolve().parents[2] / "shared" / "data"))
 pytestmark = [
@@ -50,3 +51,13 @@ def test_oriented_probes_tell_left_from_right(cats):
     shapes, truths = DescriptorTransformer().transform(cats[0]), cats[1]
     _, reduced = errors(shapes, truths)
     assert reduced.mean("direct") == reduced.mean("consistent") < 0.06
+
+
+def test_another_species_is_told(cats):
+    """A horse matched by cats: answers without a warning would be believed."""
+    shapes, truths = DescriptorTransformer().transform(cats[0]), cats[1]
+    learner = WeightedFunctionalMapLearner().fit(shapes[:4], truths[:4])
+    learner.match(shapes[4:])  # a cat in a new pose: not a word
+    horse = load_collection(DATA / "tosca_isometric", "horse0").meshes
+    with pytest.warns(UnfamiliarShapeWarning, match="'horse0'"):
+        learner.match(DescriptorTransformer().transform(SpectralBasis().transform(horse)))
