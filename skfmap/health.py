@@ -316,7 +316,15 @@ def _faults_of_boundary(faces: IntArray) -> list[Fault]:
     n_loops = len(boundary_pieces(faces))
     if n_loops == 0:
         return []
-    return [Fault("boundary loops", "note", n_loops, None, "holes, or a rim: accepted; curvature is 0 on them.")]
+    return [
+        Fault(
+            "boundary loops",
+            "note",
+            n_loops,
+            None,
+            "holes, or a rim: accepted; curvature there is that of the neighbours.",
+        )
+    ]
 
 
 @dataclass(frozen=True, eq=False)

@@ -153,7 +153,7 @@ class WeightedFunctionalMapLearner(CallbackSupportMixin, Versioned, BaseEstimato
         Mean errors on training shapes left out, ``"direct"`` and ``"bridge"``; empty if no bridge was looked for.
     error_models_ : dict
         What error to expect of a match, for ``"unrefined"`` ones and for those refined as ``refine`` says.
-    misfits_ : ndarray of shape (n_training_shapes_,)
+    misfits_ : ndarray of shape (n_training,)
         What was left of equation (2) on each training shape when it was left out of the learning (of the only one, as
         it was learned). A new shape far beyond the largest is not like them.
 

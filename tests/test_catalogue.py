@@ -1,5 +1,6 @@
 """The catalogue: each fault, in each position, through the whole pipeline. No cell is somebody else's traceback.
 
+A match that comes out of it is as right as that of a sound mesh, or is told to be doubtful.
 What happens to a mesh with a fault is written in one row: with the cotangent Laplacian, with the robust one, and with
 ``on_invalid="repair"``. The position changes nothing but for a reference, which must be usable as it is numbered.
 """
@@ -8,11 +9,19 @@ import warnings
 
 import numpy as np
 import pytest
+from scipy.spatial import cKDTree
 from sklearn.pipeline import make_pipeline
 
 import skfmap
 from skfmap import DescriptorTransformer, Mesh, SpectralBasis, WeightedFunctionalMapLearner, check_mesh, repair_mesh
-from skfmap.exceptions import MeshError, OrientationWarning, RepairWarning, SkippedShapeWarning
+from skfmap.exceptions import (
+    MeshError,
+    OrientationWarning,
+    RepairWarning,
+    SkippedShapeWarning,
+    UnfamiliarShapeWarning,
+)
+from skfmap.metrics import pair_errors, reference_distances
 
 WORKS, WARNS, REFUSED = "works", "warns", "refused"
 
@@ -172,11 +181,8 @@ def _outcome(collection, fault, place, memory, laplacian="cotangent", on_invalid
     """Run everything with a broken mesh in one place; return what happened, the message, and the matches."""
     meshes, truths = list(collection.meshes), list(collection.truths)
     meshes[place] = _broken(collection, fault, place)
-    if fault is unreferenced_vertex:  # all numbers are one higher there
-        truths[place] = skfmap.Correspondence(np.add(truths[place].pairs, [1, 0]))
-    elif fault in (seam, touching_point):  # these have numbers of their own
-        inside = truths[place].pairs[:, 0] < len(meshes[place][0])
-        truths[place] = skfmap.Correspondence(truths[place].pairs[inside])
+    if fault in (unreferenced_vertex, seam, touching_point):  # these have numbers of their own
+        truths[place] = _at_the_same_places(truths[place], collection.meshes[place].vertices, meshes[place][0])
     families = "paper" if fault in (fin, face_twice) else None
     model = make_pipeline(
         SpectralBasis(20, laplacian=laplacian, on_invalid=on_invalid, memory=memory),
@@ -191,7 +197,31 @@ def _outcome(collection, fault, place, memory, laplacian="cotangent", on_invalid
         except MeshError as error:
             return REFUSED, str(error), None
     told = [w for w in caught if issubclass(w.category, (OrientationWarning, RepairWarning, SkippedShapeWarning))]
+    doubted = [str(w.message) for w in caught if issubclass(w.category, UnfamiliarShapeWarning)]
+    for match, truth in zip(matches, truths[4:], strict=True):
+        assert _is_right(model[-1], match, truth) or any(repr(match.name) in message for message in doubted)
     return (WARNS if told else WORKS), " ".join(str(w.message) for w in told), matches
+
+
+def _at_the_same_places(truth, vertices, moved):
+    """Return the correspondence of the vertices that are still where they were, in their new numbers."""
+    distance, number = cKDTree(moved).query(vertices[truth.pairs[:, 0]])
+    return skfmap.Correspondence(np.column_stack([number, truth.pairs[:, 1]])[distance == 0])
+
+
+def _is_right(learner, match, truth):
+    """Return whether a match is about as good as those of sound bodies (0.03), or no worse than it says of itself.
+
+    Where there is no match, none is wrong. With a broken reference all are bad: the training shapes have shown it.
+    """
+    pairs = truth.pairs[match.p2p[truth.pairs[:, 0]] >= 0] if len(match.p2p) else truth.pairs[:0]
+    if len(pairs) == 0:
+        return True
+    distances = reference_distances(learner.reference_.spectral.mesh)
+    errors = pair_errors(
+        np.maximum(match.p2p, 0), skfmap.Correspondence(pairs), learner.reference_correspondence_, distances
+    )
+    return errors.mean() < max(0.09, 1.2 * np.nanmean(match.expected_error))
 
 
 @pytest.mark.parametrize("position", POSITIONS)
