@@ -1,6 +1,6 @@
 """Errors to expect of matches, from training shapes that were left out of the learning in turn."""
 
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -11,16 +11,33 @@ from skfmap._training import Training, learn_from_rows, learning_arrays, matcher
 from skfmap._typing import FloatArray, IntArray
 from skfmap.shapes import JoinedPairs, ProbedShape
 
-__all__ = ["calibrate"]
+__all__ = ["Calibration", "calibrate"]
 
 _N_FOLDS = 3
 # The weights of a fold need not be polished: errors hardly change after so many iterations.
 _FOLD_OPTIONS = {"max_iter": 60, "tol": 1e-3}
 
 
+class Calibration(NamedTuple):
+    """What training shapes showed when they were left out of the learning (a single one, as it was learned).
+
+    Attributes
+    ----------
+    error_models : dict of ErrorModel
+        Keys: ``"unrefined"``, and the refinement of the settings.
+    misfits, errors : ndarray of shape (n_training,)
+        What is left of equation (2) on each shape but the reference, and the mean error of its match, as refined; NaN
+        for shapes of no weight.
+    """
+
+    error_models: dict[str, ErrorModel]
+    misfits: FloatArray
+    errors: FloatArray
+
+
 def calibrate(
     training: Training, whole: Matcher, options: dict[str, Any], *, memory: Any, n_jobs: int | None
-) -> tuple[dict[str, ErrorModel], FloatArray]:
+) -> Calibration:
     """Relate what matches show of themselves to their errors, on shapes left out of the learning, and how these fit.
 
     Parameters
@@ -38,10 +55,8 @@ def calibrate(
 
     Returns
     -------
-    error_models : dict of ErrorModel
-        Keys: ``"unrefined"``, and the refinement of the settings.
-    misfits : ndarray of shape (n_used,)
-        What is left of equation (2) on each shape when it is left out.
+    Calibration
+        What was observed.
     """
     used = np.flatnonzero(training.share > 0)
     watch = watch_reference(training.reference, [training.joins[i] for i in used], memory)
@@ -55,7 +70,8 @@ def calibrate(
     )
     watched = map_shapes(_observe_all, arguments, n_jobs=n_jobs, verbose=0, prefer="threads")
     observed = [one for one, _ in watched]
-    share = training.share[np.concatenate(left_out)]
+    order = np.concatenate(left_out)
+    share = training.share[order]
     error_models = {
         kind: fit_error_model(
             [one[kind]._replace(weights=own * one[kind].weights) for own, one in zip(share, observed, strict=True)],
@@ -64,7 +80,11 @@ def calibrate(
         )
         for kind in observed[0]
     }
-    return error_models, np.array([misfit for _, misfit in watched])
+    misfits, errors = np.full((2, len(training.shapes)), np.nan)
+    misfits[order] = [misfit for _, misfit in watched]
+    kind = whole.settings.refine or UNREFINED
+    errors[order] = [np.average(one[kind].errors, weights=one[kind].weights) for one in observed]
+    return Calibration(error_models, misfits, errors)
 
 
 def _matchers_without(

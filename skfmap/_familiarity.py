@@ -3,6 +3,8 @@
 import warnings
 from collections.abc import Collection, Sequence
 
+import numpy as np
+
 from skfmap._matching import Matcher, penalised_error
 from skfmap._parallel import map_shapes
 from skfmap._typing import FloatArray
@@ -13,8 +15,8 @@ __all__ = ["warn_of_unfamiliar_shapes"]
 
 # What is left of equation (2), in units of the worst of n training shapes left out, beyond which a shape is told. With
 # four of them TOSCA cats, horses and women in other poses are below 1.5, other species at 2.8 and more; creatures of
-# four times the resolution that are matched wrongly are at 2.2 and more of three. The
-# fewer, the less is known of the worst.
+# four times the resolution that are matched wrongly are at 2.2 and more of three. The fewer, the less is known of the
+# worst.
 _TOO_MUCH, _TOO_MUCH_OF_ONE = 1.5, 4.0
 
 
@@ -31,6 +33,7 @@ def warn_of_unfamiliar_shapes(
 
     ``told`` are the places of those that another warning has explained.
     """
+    misfits = misfits[np.isfinite(misfits)]
     if not len(misfits):  # under way, in a callback: nothing is calibrated yet
         return
     arguments = ((matcher, shape) for shape in shapes)

@@ -4,6 +4,7 @@ __all__ = [
     "CacheWarning",
     "CorrespondenceError",
     "CoverageWarning",
+    "DisagreementWarning",
     "MeshError",
     "OrientationWarning",
     "RepairWarning",
@@ -28,6 +29,10 @@ class CorrespondenceError(ValueError):
 
 class CoverageWarning(UserWarning):
     """Correspondences determine only a part of a ground-truth functional map."""
+
+
+class DisagreementWarning(UserWarning):
+    """Correspondences of training shapes contradict each other."""
 
 
 class VersionWarning(UserWarning):

@@ -15,6 +15,7 @@ from sklearn.utils.validation import check_is_fitted
 from skfmap._bridge import choose_bridge, cross, cross_over, pays
 from skfmap._calibration import calibrate
 from skfmap._callbacks import CallbackSupportMixin, FitTask, with_callbacks
+from skfmap._disagreement import warn_of_disagreement
 from skfmap._familiarity import warn_of_unfamiliar_shapes
 from skfmap._handedness import warn_of_mirrored_shapes, warn_of_mirrored_training_shapes
 from skfmap._inputs import check_correspondences, check_same_probes, check_shapes, place
@@ -37,7 +38,7 @@ from skfmap._typing import FloatArray, IntArray
 from skfmap._unwrap import learner_and_shapes
 from skfmap._validation import check_choice, check_number, check_sample_weight, label
 from skfmap._version import Versioned
-from skfmap.exceptions import CorrespondenceError, MeshError, StabilityWarning
+from skfmap.exceptions import CorrespondenceError, DisagreementWarning, MeshError, StabilityWarning
 from skfmap.functional.learning import LearnedMaps, learn_functional_maps
 from skfmap.functional.optimize import LOG_WEIGHT_BOUND
 from skfmap.functional.regularization import LEARNED, REGULARIZERS
@@ -153,9 +154,13 @@ class WeightedFunctionalMapLearner(CallbackSupportMixin, Versioned, BaseEstimato
         Mean errors on training shapes left out, ``"direct"`` and ``"bridge"``; empty if no bridge was looked for.
     error_models_ : dict
         What error to expect of a match, for ``"unrefined"`` ones and for those refined as ``refine`` says.
-    misfits_ : ndarray of shape (n_training,)
-        What was left of equation (2) on each training shape when it was left out of the learning (of the only one, as
-        it was learned). A new shape far beyond the largest is not like them.
+    misfits_ : ndarray of shape (n_shapes,)
+        What was left of equation (2) on each shape given to `fit` when it was left out of the learning (of a single
+        one, as it was learned); NaN for the reference and shapes that were not learned from. A new shape far beyond the
+        largest is not like them.
+    training_errors_ : ndarray of shape (n_shapes,)
+        Mean error of the match of each of them, in sqrt(area) of the reference, where expected errors were calibrated.
+        One far above the others has a correspondence that contradicts theirs.
 
     See Also
     --------
@@ -262,6 +267,8 @@ class WeightedFunctionalMapLearner(CallbackSupportMixin, Versioned, BaseEstimato
             If the search stopped before it converged.
         StabilityWarning
             If no function maps stably, or many weights are at the bounds of the search.
+        DisagreementWarning
+            If the correspondence of a shape contradicts those of the others, or that of the reference all.
         SkippedShapeWarning
             If shapes were left out.
         """
@@ -281,14 +288,10 @@ class WeightedFunctionalMapLearner(CallbackSupportMixin, Versioned, BaseEstimato
         learned = single_threaded(self._learn, training, task)
         fitted = self._fitted_attributes(training, learned)
         self._tell("calibrating expected errors on training shapes left out in turn")
-        fitted["error_models_"], fitted["misfits_"] = calibrate(
-            training,
-            _matcher_of(fitted),
-            self._options(training.reference),
-            memory=self.memory,
-            n_jobs=self.n_jobs,
-        )
+        places = [i for i in used if i != where]
+        fitted |= self._calibrated(training, _matcher_of(fitted), places, len(given))
         warn_of_mirrored_training_shapes(training)
+        warn_of_disagreement(fitted["training_errors_"], given, stacklevel=3)
         _warn_of_instability(
             fitted,
             np.stack([one.C for one in training.known]),
@@ -652,11 +655,13 @@ class WeightedFunctionalMapLearner(CallbackSupportMixin, Versioned, BaseEstimato
         self._tell(f"learning the maps to {label(shape.name, 'shape')} as well")
         rest = [i for i in range(len(truths)) if i != place]
         inner = clone(self).set_params(reference="first", bridge=None, verbose=0)
-        inner.fit(
-            [_as_numbered_now(training.shapes[i]) for i in (place, *rest)],
-            [truths[place], *(truths[i] for i in rest)],
-            [1.0, *training.share[rest]],
-        )
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", DisagreementWarning)  # it has been told, by the right places
+            inner.fit(
+                [_as_numbered_now(training.shapes[i]) for i in (place, *rest)],
+                [truths[place], *(truths[i] for i in rest)],
+                [1.0, *training.share[rest]],
+            )
         across = cross_over(shape.spectral.mesh, training.reference.spectral.mesh, training.joins[place], self.memory)
         kind = self.refine or UNREFINED
         errors = {
@@ -750,8 +755,17 @@ class WeightedFunctionalMapLearner(CallbackSupportMixin, Versioned, BaseEstimato
             "_n_training": float(training.share.sum()),
             "error_models_": {},
             "misfits_": np.empty(0),
+            "training_errors_": np.empty(0),
             "_settings": settings,
         }
+
+    def _calibrated(self, training: Training, matcher: Matcher, places: Sequence[int], n_shapes: int) -> dict[str, Any]:
+        """Return the expected errors, and what each training shape showed, at the places of X."""
+        options = self._options(training.reference)
+        observed = calibrate(training, matcher, options, memory=self.memory, n_jobs=self.n_jobs)
+        misfits, errors = np.full((2, n_shapes), np.nan)
+        misfits[places], errors[places] = observed.misfits, observed.errors
+        return {"error_models_": observed.error_models, "misfits_": misfits, "training_errors_": errors}
 
     def _matcher(
         self, *, matching: str | None = None, n_stable: float | None = None, refine: str | None = "fitted"

@@ -353,6 +353,7 @@ def test_a_reference_that_is_not_there_or_there_twice_is_refused(make_learner, p
         make_learner(reference="body1").fit([*probed[:2], probed[1]], [*collection.truths[:2], collection.truths[1]])
 
 
+@pytest.mark.filterwarnings("ignore::skfmap.exceptions.DisagreementWarning")
 @pytest.mark.parametrize("order", [[0, 1, 2], [2, 1, 0], [1, 0, 2]])
 def test_the_medoid_is_the_shape_in_the_middle(make_learner, probe, collection, order):
     mesh = collection.meshes[0]

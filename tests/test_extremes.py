@@ -52,7 +52,7 @@ def test_a_shape_that_is_not_like_the_training_shapes_is_told():
     model = make_pipeline(
         SpectralBasis(60), DescriptorTransformer(), WeightedFunctionalMapLearner(n_functions=30, tol=1e-3)
     ).fit(coarse.meshes[:4], coarse.correspondences[:4])
-    assert len(model[-1].misfits_) == 3
+    assert np.isfinite(model[-1].misfits_).sum() == 3
     (sound,) = skfmap.match(model, coarse.meshes[4:])  # and not a word
     with pytest.warns(UnfamiliarShapeWarning, match=r"'cat4' \(\d\.\d times\).*another resolution"):
         (match,) = skfmap.match(model, fine.meshes[4:])

@@ -28,6 +28,7 @@ def test_a_mirrored_training_shape_is_found_out(make_learner, mirrored, probed, 
         make_learner(max_iter=5).fit([*probed[:4], mirrored[0]], collection.truths[:5])
 
 
+@pytest.mark.filterwarnings("ignore::skfmap.exceptions.DisagreementWarning")
 @pytest.mark.filterwarnings("ignore::sklearn.exceptions.ConvergenceWarning")
 def test_symmetric_answers_given_for_true_ones_are_found_out(make_learner, symmetric_probed, symmetric_collection):
     truths = list(symmetric_collection.truths)

@@ -2,11 +2,12 @@
 
 import numpy as np
 import pytest
+from scipy.spatial import cKDTree
 
 import skfmap.functional.eigenbasis
 from skfmap import Correspondence, SpectralBasis
 from skfmap.datasets import make_sphere
-from skfmap.exceptions import MeshError, StabilityWarning
+from skfmap.exceptions import DisagreementWarning, MeshError, StabilityWarning
 from skfmap.functional import RowSystems, learn_functional_maps
 from skfmap.learner import _warn_of_instability
 
@@ -47,6 +48,7 @@ def test_an_eigen_solver_that_does_not_converge_is_an_error(monkeypatch):
 
 
 @pytest.mark.filterwarnings("ignore::skfmap.exceptions.CoverageWarning")
+@pytest.mark.filterwarnings("ignore::skfmap.exceptions.DisagreementWarning")
 @pytest.mark.filterwarnings("ignore::skfmap.exceptions.OrientationWarning")
 def test_correspondences_of_another_numbering_leave_nothing_stable(probed, collection, make_learner):
     rng = np.random.default_rng(0)
@@ -56,6 +58,51 @@ def test_correspondences_of_another_numbering_leave_nothing_stable(probed, colle
     ]
     with pytest.warns(StabilityWarning, match=r"No function maps stably.*vertex numbers from 0"):
         make_learner().fit(probed[:5], [collection.truths[0], *shuffled])
+
+
+def _mirrored(truth, mesh):
+    mirror = cKDTree(mesh.vertices).query(mesh.vertices * [1, -1, 1])[1]
+    return Correspondence(np.column_stack([mirror[truth.pairs[:, 0]], truth.pairs[:, 1]]))
+
+
+def _shuffled(truth, mesh):
+    rng = np.random.default_rng(0)
+    return Correspondence(np.column_stack([rng.permutation(truth.pairs[:, 0]), truth.pairs[:, 1]]))
+
+
+@pytest.mark.filterwarnings("ignore::skfmap.exceptions.CoverageWarning")
+@pytest.mark.filterwarnings("ignore::skfmap.exceptions.OrientationWarning")
+@pytest.mark.filterwarnings("ignore::skfmap.exceptions.StabilityWarning")
+@pytest.mark.parametrize("wrong", [_mirrored, _shuffled])
+@pytest.mark.parametrize("reference", ["body0", "body2"])
+def test_a_correspondence_that_contradicts_the_others_is_named(probed, collection, make_learner, wrong, reference):
+    truths = list(collection.truths[:5])
+    truths[3] = wrong(truths[3], collection.meshes[3])
+    with pytest.warns(
+        DisagreementWarning, match=r"say, by this many sqrt\(area\): X\[3\] \('body3'\) \(0\.[234]\d\); 0\.0"
+    ):
+        learner = make_learner(reference=reference).fit(probed[:5], truths)
+    errors = learner.training_errors_
+    assert errors.shape == (5,)
+    assert np.flatnonzero(np.isnan(errors)) == np.flatnonzero(np.isnan(learner.misfits_)) == learner.reference_index_
+    assert np.nanargmax(errors) == 3
+    truths[learner.reference_index_] = wrong(
+        collection.truths[learner.reference_index_], collection.meshes[learner.reference_index_]
+    )
+    truths[3] = collection.truths[3]
+    with pytest.warns(DisagreementWarning, match="Check the correspondence of the reference first"):
+        make_learner(reference=reference).fit(probed[:5], truths)
+
+
+def test_errors_of_training_shapes_are_those_of_matches_left_out(probed, collection, make_learner):
+    """Two beside the reference: each is matched by what the other taught."""
+    learner = make_learner(tol=1e-2).fit(probed[:3], collection.truths[:3])
+    for left_out in (1, 2):
+        rows = [0, 3 - left_out]
+        other = make_learner(tol=1e-2).fit([probed[i] for i in rows], [collection.truths[i] for i in rows])
+        (errors,) = other.pair_errors([probed[left_out]], [collection.truths[left_out]])
+        # There, errors are seen at some of the landmarks and by heat distances.
+        assert learner.training_errors_[left_out] == pytest.approx(errors.direct.mean(), rel=0.3)
 
 
 def test_weights_at_their_bounds_are_told(fitted):
@@ -69,6 +116,7 @@ def test_weights_at_their_bounds_are_told(fitted):
             _warn_of_instability(attributes, known)
 
 
+@pytest.mark.filterwarnings("ignore::skfmap.exceptions.DisagreementWarning")
 def test_a_strength_that_leaves_no_room_for_probes_is_told(probed, collection, make_learner):
     with pytest.warns(StabilityWarning, match="No function maps stably"):
         make_learner(alpha=1e9).fit(probed[:5], collection.truths[:5])

@@ -222,14 +222,22 @@ def test_indices_that_compiled_code_would_follow_are_checked(saved, tmp_path):
     np.save(buffer, _out_of_range(np.load(BytesIO(members[faces]))))
     with pytest.raises(ValueError, match="is no sound file of save_model: MeshError"):
         load_model(_write(tmp_path / "model.skops", {**members, faces: buffer.getvalue()}))
-    (sparse,) = (name for name in members if name.endswith(".npz"))
-    with np.load(BytesIO(members[sparse])) as stored:
-        parts = dict(stored)
-    parts["indices"] = _out_of_range(parts["indices"])
-    buffer = BytesIO()
-    np.savez(buffer, **parts)
     with pytest.raises(ValueError, match="is no sound file of save_model"):
-        load_model(_write(tmp_path / "model.skops", {**members, sparse: buffer.getvalue()}))
+        load_model(_write(tmp_path / "model.skops", _with_stray_indices(members)))
+
+
+def _with_stray_indices(members):
+    """Return a file whose sparse matrix leads nowhere; older skops writes its arrays one by one."""
+    buffer = BytesIO()
+    if sparse := [name for name in members if name.endswith(".npz")]:
+        with np.load(BytesIO(members[sparse[0]])) as stored:
+            parts = dict(stored)
+        np.savez(buffer, **{**parts, "indices": _out_of_range(parts["indices"])})
+        return {**members, sparse[0]: buffer.getvalue()}
+    flat = [(name, array) for name, array in _arrays(members) if array.dtype.kind == "i" and array.ndim == 1]
+    name, indices = max(flat, key=lambda one: one[1].size)
+    np.save(buffer, _out_of_range(indices))
+    return {**members, name: buffer.getvalue()}
 
 
 def _arrays(members):

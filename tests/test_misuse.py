@@ -276,6 +276,7 @@ def test_the_command_line_says_what_is_wrong_before_it_computes(tmp_path, capsys
     assert "pattern must be the name of meshes" in capsys.readouterr().err
 
 
+@pytest.mark.filterwarnings("ignore::skfmap.exceptions.DisagreementWarning")
 @pytest.mark.filterwarnings("ignore::skfmap.exceptions.UnfamiliarShapeWarning")
 def test_the_command_line_takes_small_meshes(tmp_path, capsys):
     folder = tmp_path / "balls"

@@ -199,6 +199,7 @@ def test_results_of_a_search_make_a_frame(make_learner, probed, collection):
     assert frame["rank_test_score"].min() == 1
 
 
+@pytest.mark.filterwarnings("ignore::skfmap.exceptions.DisagreementWarning")
 def test_stable_functions_are_searched_over_without_another_fit_changing(make_learner, probed, collection):
     search = GridSearchCV(
         make_learner(weighting=None, matching="cut"), {"n_stable": [2, 0.5, 1.0]}, cv=PinnedReference(2)
