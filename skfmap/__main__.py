@@ -3,6 +3,7 @@
 import argparse
 import sys
 import time
+import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -51,6 +52,7 @@ class _Result:
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the main job and return the exit status."""
     options = _parser().parse_args(arguments)
+    usual, warnings.formatwarning = warnings.formatwarning, _format_warning
     try:
         _run(options)
     except (ValueError, TypeError, OSError) as error:
@@ -59,7 +61,20 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except KeyboardInterrupt:
         print("skfmap: interrupted; results in the folder given by --cache are kept.", file=sys.stderr)
         return 130
+    finally:
+        warnings.formatwarning = usual
     return 0
+
+
+def _format_warning(
+    message: Warning | str,
+    category: type[Warning],
+    filename: str,  # noqa: ARG001
+    lineno: int,  # noqa: ARG001
+    line: str | None = None,  # noqa: ARG001
+) -> str:
+    """Return what a warning says, without the line of code that nobody here wrote."""
+    return f"{category.__name__}: {message}\n"
 
 
 def _parser() -> argparse.ArgumentParser:
@@ -129,8 +144,7 @@ def _collection(options: argparse.Namespace) -> Bunch:
         collection = make_creatures(n_shapes=11, n_vertices=options.vertices)
     else:
         print(f"Reading {options.folder} ...", flush=True)
-        on_invalid = "raise" if options.on_invalid == "raise" else "skip"
-        collection = load_collection(options.folder, options.pattern, options.reference, on_invalid=on_invalid)
+        collection = load_collection(options.folder, options.pattern, options.reference, on_invalid=options.on_invalid)
     counts = [mesh.n_vertices for mesh in collection.meshes if isinstance(mesh, Mesh)]
     print(f"  {len(counts)} meshes of {min(counts)} to {max(counts)} vertices, {_since(started)}", flush=True)
     if options.folder is not None:
@@ -156,8 +170,9 @@ def _probed(collection: Bunch, options: argparse.Namespace) -> list[ProbedShape]
 def _usable(collection: Bunch, shapes: list[Any]) -> tuple[Bunch, list[ProbedShape]]:
     """Return the shapes that can be learned from, in the numbers that they have now."""
     kept = [i for i, shape in enumerate(shapes) if not isinstance(shape, SkippedShape)]
-    for i in sorted(set(range(len(shapes))) - set(kept)):
-        print(f"  left out: {collection.names[i]}: {shapes[i].reason}", flush=True)
+    if len(kept) < len(shapes):
+        names = [name for i, name in enumerate(collection.names) if i not in kept]
+        print(f"  left out: {', '.join(names)}", flush=True)
     if len(kept) < 3:
         raise ValueError(f"the main job needs a reference and at least two more shapes; {len(kept)} can be used.")
     parts: dict[str, list[Any]] = {"meshes": [], "correspondences": [], "names": [], "shapes": []}

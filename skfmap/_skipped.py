@@ -10,7 +10,7 @@ import scipy.sparse as sp
 
 from skfmap._typing import IntArray
 from skfmap._validation import label
-from skfmap.exceptions import SkippedShapeWarning
+from skfmap.exceptions import RepairWarning, SkippedShapeWarning
 from skfmap.shapes import Correspondence, Match, SkippedShape
 
 __all__ = [
@@ -22,6 +22,7 @@ __all__ = [
     "renumber",
     "sort_out",
     "spread",
+    "warn_of_repairs",
     "warn_of_skipped",
 ]
 
@@ -48,12 +49,20 @@ def spread(answers: Sequence[Any], given: Sorted, empty: Any) -> list[Any]:
     return [known[place] for place in range(len(known))]
 
 
-def warn_of_skipped(shapes: Sequence[Any]) -> None:
-    """Name the shapes that are left out, and why."""
-    skipped = [(i, shape) for i, shape in enumerate(shapes) if isinstance(shape, SkippedShape)]
+def warn_of_skipped(shapes: Sequence[Any], told: Sequence[Any] = ()) -> None:
+    """Name the shapes that are left out, and why; but for those that were in ``told``, of which somebody has warned."""
+    before = {i for i, shape in enumerate(told) if isinstance(shape, SkippedShape)}
+    skipped = [(i, one) for i, one in enumerate(shapes) if isinstance(one, SkippedShape) and i not in before]
     if skipped:
         told = "; ".join(f"X[{i}], {label(shape.name, 'shape')}: {shape.reason}" for i, shape in skipped)
         warnings.warn(f"{len(skipped)} of {len(shapes)} shapes are left out. {told}", SkippedShapeWarning, stacklevel=3)
+
+
+def warn_of_repairs(made: Sequence[tuple[Any, str]]) -> None:
+    """Name the shapes that were mended, and say what was done."""
+    told = [f"{label(shape.name, 'shape')}: {done}" for shape, done in made if done]
+    if told:
+        warnings.warn(f"Meshes were mended. {'; '.join(told)}.", RepairWarning, stacklevel=3)
 
 
 def no_match(shape: SkippedShape, reference: Any, k: int, p: int) -> Match:

@@ -10,12 +10,12 @@ from sklearn.base import BaseEstimator
 
 from skfmap._caching import cached
 from skfmap._parallel import map_shapes
-from skfmap._skipped import warn_of_skipped
+from skfmap._skipped import warn_of_repairs, warn_of_skipped
 from skfmap._stateless import StatelessShapeTransformer
 from skfmap._typing import FloatArray, SparseMatrix
 from skfmap._validation import LARGEST_AREA, SMALLEST_AREA, check_choice, check_number, label
 from skfmap._version import Versioned
-from skfmap.exceptions import MeshError, OrientationWarning, RepairWarning
+from skfmap.exceptions import MeshError, OrientationWarning
 from skfmap.functional.eigenbasis import laplacian_eigenbasis
 from skfmap.geometry.faults import (
     count_components,
@@ -26,7 +26,7 @@ from skfmap.geometry.faults import (
 )
 from skfmap.geometry.laplacian import LAPLACIANS
 from skfmap.geometry.orientation import orient_faces
-from skfmap.health import Repair, repair_mesh
+from skfmap.health import repair_mesh
 from skfmap.io import as_mesh, as_meshes, check_meshes, n_vertices_of, named
 from skfmap.shapes import Mesh, SkippedShape, SpectralShape
 
@@ -49,8 +49,8 @@ class SpectralBasis(Versioned, StatelessShapeTransformer, BaseEstimator):
     on_invalid : {"raise", "repair", "skip"}, default="raise"
         What to do with a mesh that cannot be used. ``"repair"`` mends it as `skfmap.repair_mesh` does, with a warning
         that says what was done; matches are given back in the numbers that the mesh came with, -1 where a vertex was
-        removed. A mesh that cannot be mended raises. ``"skip"`` puts a `skfmap.shapes.SkippedShape` in its place, with
-        a warning: the learner leaves it out, and answers NaN and -1.
+        removed. ``"skip"`` puts a `skfmap.shapes.SkippedShape` in its place, with a warning: the learner leaves it out,
+        and answers NaN and -1; ``"repair"`` does so where a mesh cannot be mended.
     memory : str or joblib.Memory, optional
         Where results are cached, by mesh content and parameters.
     n_jobs : int, optional
@@ -129,13 +129,13 @@ class SpectralBasis(Versioned, StatelessShapeTransformer, BaseEstimator):
         Returns
         -------
         list of SpectralShape
-            In the order of ``X``; with ``on_invalid="skip"``, a `skfmap.shapes.SkippedShape` where a mesh cannot be
+            In the order of ``X``; unless ``on_invalid="raise"``, a `skfmap.shapes.SkippedShape` where a mesh cannot be
             used.
 
         Raises
         ------
         MeshError
-            Unless ``on_invalid`` says otherwise: if a mesh has unreferenced vertices, several components, degenerate or
+            With ``on_invalid="raise"``: if a mesh has unreferenced vertices, several components, degenerate or
             non-manifold parts that the chosen Laplacian cannot deal with, or too few vertices; the message names the
             shape and the remedy.
         TypeError
@@ -157,8 +157,8 @@ class SpectralBasis(Versioned, StatelessShapeTransformer, BaseEstimator):
             verbose=self.verbose,
         )
         shapes = [shape for shape, _ in made]
-        _warn_of_repairs(made)
-        warn_of_skipped(shapes)
+        warn_of_repairs(made)
+        warn_of_skipped(shapes, told=meshes)
         _warn_of_unknown_sides(shapes)
         return shapes
 
@@ -183,12 +183,6 @@ def _warn_of_unknown_sides(shapes: Sequence[SpectralShape | SkippedShape]) -> No
         )
 
 
-def _warn_of_repairs(made: Sequence[tuple[Any, str]]) -> None:
-    told = [f"{label(shape.name, 'shape')}: {done}" for shape, done in made if done]
-    if told:
-        warnings.warn(f"Meshes were mended. {'; '.join(told)}.", RepairWarning, stacklevel=3)
-
-
 def _or_raise(item: Any, i: int, *how: Any) -> tuple[SpectralShape, str]:
     return _spectral_shape(as_mesh(item, i), *how), ""
 
@@ -204,25 +198,21 @@ def _or_skip(item: Any, i: int, *how: Any) -> tuple[SpectralShape | SkippedShape
         return SkippedShape(name, str(error), n_vertices), ""
 
 
-def _or_repair(item: Any, i: int, *how: Any) -> tuple[SpectralShape, str]:
-    """Return the shape, of the mended mesh if the mesh cannot be used as it is."""
-    try:
-        return _or_raise(item, i, *how)
-    except MeshError as error:
-        repair = _repaired(item, error)
-    mesh = Mesh(repair.mesh.vertices, repair.mesh.faces, named(item, i))
-    shape = _spectral_shape(mesh, *how)
-    return replace(shape, vertex_map=repair.vertex_map if repair.renumbered else None), ", ".join(repair.done)
-
-
-def _repaired(item: Any, fault: MeshError) -> Repair:
+def _or_repair(item: Any, i: int, *how: Any) -> tuple[SpectralShape | SkippedShape, str]:
+    """Return the shape, of the mended mesh if the mesh cannot be used as it is, or its place if that cannot either."""
+    shape, _ = _or_skip(item, i, *how)
+    if not isinstance(shape, SkippedShape) or isinstance(item, SkippedShape):
+        return shape, ""
     try:
         repair = repair_mesh(item)
-    except MeshError as hopeless:
-        raise MeshError(f"{fault} It cannot be mended either: {hopeless}") from fault
-    if not repair.done:
-        raise fault
-    return repair
+        if not repair.done:
+            return shape, ""
+        mended = _spectral_shape(Mesh(repair.mesh.vertices, repair.mesh.faces, shape.name), *how)
+    except (MeshError, OSError) as hopeless:
+        if str(hopeless) == shape.reason:
+            return shape, ""
+        return replace(shape, reason=f"{shape.reason} It cannot be mended: {hopeless}"), ""
+    return replace(mended, vertex_map=repair.vertex_map if repair.renumbered else None), ", ".join(repair.done)
 
 
 _OUTCOMES = {"raise": _or_raise, "repair": _or_repair, "skip": _or_skip}

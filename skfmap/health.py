@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from skfmap._typing import BoolArray, FloatArray, IntArray
+from skfmap._typing import FloatArray, IntArray
 from skfmap._validation import LARGEST_AREA, LARGEST_COORDINATE, SMALLEST_AREA, as_array, as_reals, has_place, label
 from skfmap.exceptions import MeshError
 from skfmap.geometry.faults import (
@@ -20,10 +20,11 @@ from skfmap.geometry.faults import (
     nonmanifold_vertices,
     repeated_corners,
     slivers,
+    sound_faces,
     unreferenced_vertices,
 )
 from skfmap.geometry.orientation import orient_faces, signed_volume
-from skfmap.io import read_mesh
+from skfmap.io import read_arrays
 from skfmap.shapes import Mesh
 
 __all__ = ["Fault", "MeshReport", "Repair", "check_mesh", "repair_mesh"]
@@ -129,7 +130,7 @@ repair_mesh removes them and says how the others are renumbered.
         name = Path(mesh).stem if isinstance(mesh, (str, Path)) else getattr(mesh, "name", None)
         return MeshReport(name, 0, 0, (Fault("unreadable", "fatal", 1, None, str(error)),))
     found = _faults_of_arrays(vertices, faces)
-    sound = _sound_faces(vertices, faces)
+    sound = sound_faces(vertices, faces)
     if len(vertices) and sound.any():
         found += _faults_of_surface(vertices, faces[sound])
     order = ("fatal", "robust", "mended", "note")
@@ -138,9 +139,9 @@ repair_mesh removes them and says how the others are renumbered.
 
 def _raw(mesh: Any) -> tuple[FloatArray, IntArray, str | None]:
     """Return vertices, faces and name, not checked."""
-    if isinstance(mesh, (str, Path)):
-        mesh = read_mesh(mesh)
     name = getattr(mesh, "name", None)
+    if isinstance(mesh, (str, Path)):
+        name, mesh = Path(mesh).stem, read_arrays(mesh)
     pair = isinstance(mesh, (tuple, list)) and len(mesh) == 2
     given = mesh if pair else (getattr(mesh, "vertices", None), getattr(mesh, "faces", None))
     vertices = as_reals(given[0], f"The vertices of {label(name)}", MeshError)
@@ -154,15 +155,6 @@ def _raw(mesh: Any) -> tuple[FloatArray, IntArray, str | None]:
     if faces.size and not np.issubdtype(faces.dtype, np.integer):
         raise MeshError(f"The faces of {label(name)} must be integers; got dtype {faces.dtype}.")
     return vertices, faces.astype(np.int64), name if isinstance(name, str) else None
-
-
-def _sound_faces(vertices: FloatArray, faces: IntArray) -> BoolArray:
-    """Return which faces name three different vertices that exist and have a place."""
-    placed = np.append(has_place(vertices), False)  # the last for whatever does not exist
-    inside = (faces >= 0) & (faces < len(vertices))
-    sound = np.asarray(placed[np.where(inside, faces, -1)].all(axis=1))
-    sound[repeated_corners(faces)] = False
-    return sound
 
 
 def _fault(kind: str, level: str, where: Any, meaning: str) -> list[Fault]:
@@ -414,7 +406,7 @@ _Step = tuple[IntArray, IntArray, list[str]]
 
 
 def _drop_unsound(vertices: FloatArray, faces: IntArray, target: IntArray) -> _Step:
-    sound = _sound_faces(vertices, faces)
+    sound = sound_faces(vertices, faces)
     n_lost = int((~sound).sum())
     return faces[sound], target, [f"removed {n_lost} faces that were no triangles or led nowhere"] if n_lost else []
 

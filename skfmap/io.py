@@ -12,17 +12,20 @@ from typing import Any
 import numpy as np
 
 from skfmap._typing import FloatArray, IntArray
-from skfmap._validation import check_place, check_samples
+from skfmap._validation import check_place, check_samples, has_place, label
 from skfmap.exceptions import MeshError
+from skfmap.geometry.faults import sound_faces
 from skfmap.shapes import Mesh, SkippedShape
 
 __all__ = [
     "MESH_SUFFIXES",
+    "as_far_as_sound",
     "as_mesh",
     "as_meshes",
     "check_meshes",
     "n_vertices_of",
     "named",
+    "read_arrays",
     "read_mesh",
     "write_mesh",
 ]
@@ -66,6 +69,11 @@ def read_mesh(path: str | Path) -> Mesh:
     MeshError
         If the file cannot be read as a triangle mesh, or the reader lost or added vertices.
     """
+    return Mesh(*read_arrays(path), name=Path(path).stem)
+
+
+def read_arrays(path: str | Path) -> tuple[FloatArray, IntArray]:
+    """Return the vertices and faces of a file as `read_mesh` reads them, be they a sound mesh or not."""
     if not isinstance(path, (str, Path)):
         raise TypeError(f"A mesh is read from a path; got {path!r}.")
     path = Path(path)
@@ -94,7 +102,23 @@ def read_mesh(path: str | Path) -> Mesh:
     stored = _stored_counts(content, suffix)
     _check_counts(path, stored, len(vertices), len(faces))
     _check_face_lines(path, content, suffix, stored)
-    return Mesh(vertices, faces, name=path.stem)
+    return vertices, faces.reshape(-1, 3) if faces.size == 0 else faces
+
+
+def as_far_as_sound(vertices: FloatArray, faces: IntArray, name: str) -> tuple[Mesh, str]:
+    """Return a mesh of the faces that are sound, and what was done; vertices keep their numbers.
+
+    Those without a place belong to no face then, and are put to the centre of the others.
+    """
+    placed, sound = has_place(vertices), sound_faces(vertices, faces)
+    n_faces, n_vertices = int((~sound).sum()), int((~placed).sum())
+    if not (n_faces or n_vertices):
+        return Mesh(vertices, faces, name), ""
+    if not sound.any():
+        raise MeshError(f"Nothing is left of {label(name)}: no face names three vertices with a place. Leave it out.")
+    points = np.where(placed[:, None], vertices, vertices[placed].mean(axis=0))
+    done = f"left out {n_faces} faces that were no triangles or led nowhere, {n_vertices} vertices have no place"
+    return Mesh(points, faces[sound], name), done
 
 
 def write_mesh(mesh: Mesh, path: str | Path) -> None:
@@ -205,6 +229,11 @@ def n_vertices_of(item: Any) -> int:
     """Return how many vertices something has that is no sound mesh; 0 where that cannot be told."""
     if isinstance(item, SkippedShape):
         return item.n_vertices
+    if isinstance(item, (str, Path)):
+        try:
+            return len(read_arrays(item)[0])
+        except (MeshError, OSError):
+            return 0
     vertices = item[0] if isinstance(item, (tuple, list)) else getattr(item, "vertices", ())
     return len(vertices) if hasattr(vertices, "__len__") else 0
 
@@ -270,6 +299,10 @@ def _absolute(word: bytes, n_vertices: int) -> bytes:
 def _check_counts(path: Path, stored: tuple[int, int] | None, n_vertices: int, n_faces: int) -> None:
     if stored is None:
         return
+    if stored[1] == n_faces == 0:
+        raise MeshError(
+            f"{path} holds {stored[0]} vertices and no faces: a cloud of points, or a file that was cut short."
+        )
     if stored[0] != n_vertices:
         raise MeshError(
             f"{path} stores {stored[0]} vertices, but {n_vertices} were read, so that correspondences would point at "

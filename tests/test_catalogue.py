@@ -14,6 +14,7 @@ from sklearn.pipeline import make_pipeline
 
 import skfmap
 from skfmap import DescriptorTransformer, Mesh, SpectralBasis, WeightedFunctionalMapLearner, check_mesh, repair_mesh
+from skfmap.datasets import load_collection, make_sphere
 from skfmap.exceptions import (
     MeshError,
     OrientationWarning,
@@ -22,8 +23,9 @@ from skfmap.exceptions import (
     UnfamiliarShapeWarning,
 )
 from skfmap.metrics import pair_errors, reference_distances
+from skfmap.shapes import SkippedShape
 
-WORKS, WARNS, REFUSED = "works", "warns", "refused"
+WORKS, WARNS, REFUSED, LEFT_OUT = "works", "warns", "refused", "left out"
 
 
 def nan_vertex(vertices, faces):
@@ -143,10 +145,10 @@ CATALOGUE = {
     repeated_corner: (REFUSED, REFUSED, WORKS),
     face_twice: (REFUSED, WARNS, WORKS),
     unreferenced_vertex: (REFUSED, REFUSED, WORKS),
-    face_without_area: (REFUSED, WORKS, REFUSED),
+    face_without_area: (REFUSED, WORKS, LEFT_OUT),
     seam: (REFUSED, REFUSED, WORKS),
     two_bodies: (REFUSED, REFUSED, WORKS),
-    fin: (REFUSED, WARNS, REFUSED),
+    fin: (REFUSED, WARNS, LEFT_OUT),
     touching_point: (WORKS, WORKS, WORKS),
     hole: (WORKS, WORKS, WORKS),
     inconsistent_winding: (WORKS, WORKS, WORKS),
@@ -154,10 +156,10 @@ CATALOGUE = {
     sliver: (WORKS, WORKS, WORKS),
     tiny: (WORKS, WORKS, WORKS),
     huge: (WORKS, WORKS, WORKS),
-    beyond_numbers: (REFUSED, REFUSED, REFUSED),
+    beyond_numbers: (REFUSED, REFUSED, LEFT_OUT),
     far_away: (WORKS, WORKS, WORKS),
-    no_faces: (REFUSED, REFUSED, REFUSED),
-    nothing: (REFUSED, REFUSED, REFUSED),
+    no_faces: (REFUSED, REFUSED, LEFT_OUT),
+    nothing: (REFUSED, REFUSED, LEFT_OUT),
 }
 # A reference that would be renumbered is refused.
 RENUMBERED = (nan_vertex, infinite_vertex, unreferenced_vertex, seam, two_bodies)
@@ -243,9 +245,15 @@ def test_a_fault_is_mended_if_it_can_be(collection, memory, fault, position):
     place, expected = POSITIONS[position], CATALOGUE[fault][2]
     needs_repair = CATALOGUE[fault][0] == REFUSED
     outcome, message, matches = _outcome(collection, fault, place, memory, on_invalid="repair")
-    if expected == REFUSED or (position == "reference" and fault in RENUMBERED):
+    if position == "reference" and (expected == LEFT_OUT or fault in RENUMBERED):
         assert outcome == REFUSED
-        assert CALLED[position] in message or "The vertices of the reference" in message
+        assert "cannot be used" in message or "The vertices of the reference" in message
+        return
+    if expected == LEFT_OUT:
+        assert outcome == WARNS
+        assert f"{CALLED[position]}'" in message
+        assert "are left out" in message
+        assert position != "new" or (matches[1].p2p == -1).all()
         return
     assert outcome == (WARNS if needs_repair else WORKS), message
     assert not needs_repair or CALLED[position] in message
@@ -288,7 +296,7 @@ def test_the_report_agrees_with_what_happens(collection, fault):
         assert report.usable(laplacian) == (expected != REFUSED), str(report)
     if fault not in (tiny, huge, touching_point):
         assert report.faults
-    if CATALOGUE[fault][2] == REFUSED and fault not in (face_without_area, fin, beyond_numbers):
+    if CATALOGUE[fault][2] == LEFT_OUT and fault not in (face_without_area, fin, beyond_numbers):
         with pytest.raises(MeshError, match="Nothing is left"):
             repair_mesh(mesh)
         return
@@ -381,3 +389,112 @@ def test_what_is_no_mesh_is_said_to_be_none(wrong):
     assert not check_mesh(wrong).usable("robust")
     with pytest.raises((MeshError, OSError)):
         repair_mesh(wrong)
+
+
+# The same from files, which is how most of them come
+
+
+def _rows(form, values):
+    return "".join(form % tuple(row) for row in values.tolist())
+
+
+def _off(vertices, faces):
+    return f"OFF\n{len(vertices)} {len(faces)} 0\n" + _rows("%r %r %r\n", vertices) + _rows("3 %d %d %d\n", faces)
+
+
+def _obj(vertices, faces):
+    return _rows("v %r %r %r\n", vertices) + _rows("f %d %d %d\n", faces + 1)
+
+
+def _ply(vertices, faces):
+    head = f"ply\nformat ascii 1.0\nelement vertex {len(vertices)}\n"
+    head += "".join(f"property double {axis}\n" for axis in "xyz")
+    head += f"element face {len(faces)}\nproperty list uchar int vertex_indices\nend_header\n"
+    return head + _rows("%r %r %r\n", vertices) + _rows("3 %d %d %d\n", faces)
+
+
+WRITERS = {".off": _off, ".obj": _obj, ".ply": _ply}
+# The readers of these formats refuse numbers out of range; nothing is known of the vertices then.
+UNREADABLE = {(fault, suffix) for fault in (index_out_of_range, negative_index) for suffix in (".off", ".obj")}
+UNREADABLE |= {(fault, suffix) for fault in (no_faces, nothing) for suffix in WRITERS}
+
+
+@pytest.mark.parametrize("suffix", WRITERS)
+@pytest.mark.parametrize("fault", CATALOGUE)
+def test_a_file_is_checked_and_mended_as_its_arrays_are(tmp_path, collection, fault, suffix):
+    vertices, faces = _broken(collection, fault, 2)
+    path = tmp_path / f"body{suffix}"
+    path.write_text(WRITERS[suffix](vertices, faces))
+    report = check_mesh(path)
+    assert report.name == "body"
+    if (fault, suffix) in UNREADABLE:
+        assert [one.kind for one in report.faults] == ["unreadable"]
+        with pytest.raises(MeshError, match=r"body"):
+            repair_mesh(path)
+        return
+    assert report.faults == check_mesh((vertices, faces)).faults
+    if CATALOGUE[fault][2] == LEFT_OUT:
+        return
+    one, other = repair_mesh(path), repair_mesh((vertices, faces))
+    assert one.done == other.done
+    np.testing.assert_array_equal(one.vertex_map, other.vertex_map)
+    np.testing.assert_array_equal(one.mesh.faces, other.mesh.faces)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        (mended,) = SpectralBasis(5, on_invalid="repair").transform([path])
+        (skipped,) = SpectralBasis(5, on_invalid="skip").transform([path])
+    assert mended.name == skipped.name == "body"
+    assert len(mended.evecs if mended.vertex_map is None else mended.vertex_map) == len(vertices)
+    assert not isinstance(skipped, SkippedShape) or skipped.n_vertices == len(vertices)
+
+
+@pytest.mark.parametrize("suffix", WRITERS)
+@pytest.mark.parametrize("fault", CATALOGUE)
+def test_a_broken_file_in_a_folder_does_not_lose_the_others(tmp_path, collection, memory, fault, suffix):
+    """Read, mended or left out, learned from; and all are matched in the numbers of their files."""
+    meshes = [(mesh.vertices, mesh.faces) for mesh in collection.meshes[:4]]
+    truths = list(collection.truths[:4])
+    meshes[2] = _broken(collection, fault, 2)
+    if fault in (unreferenced_vertex, seam, touching_point):
+        truths[2] = _at_the_same_places(truths[2], collection.meshes[2].vertices, meshes[2][0])
+    for i, (mesh, truth) in enumerate(zip(meshes, truths, strict=True)):
+        (tmp_path / f"body{i}{suffix}").write_text(WRITERS[suffix](*mesh))
+        np.savetxt(tmp_path / f"body{i}.txt", truth.pairs, fmt="%d")
+    model = make_pipeline(
+        SpectralBasis(20, on_invalid="repair", memory=memory),
+        DescriptorTransformer("paper", memory=memory),
+        WeightedFunctionalMapLearner(n_functions=8, weighting="category", tol=1e-2, memory=memory),
+    )
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        data = load_collection(tmp_path, on_invalid="repair")
+        matches = skfmap.match(model.fit(data.meshes, data.correspondences), data.meshes)
+    told = [str(w.message) for w in caught if issubclass(w.category, (RepairWarning, SkippedShapeWarning))]
+    assert bool(told) == (CATALOGUE[fault][0] == REFUSED)
+    assert all("body2" in message for message in told)
+    lost = (fault, suffix) in UNREADABLE or CATALOGUE[fault][2] == LEFT_OUT
+    assert (matches[2].p2p >= 0).any() != lost
+    if (fault, suffix) not in UNREADABLE:
+        assert len(matches[2].p2p) == len(meshes[2][0])
+    assert all((matches[i].p2p >= 0).all() for i in (0, 1, 3))
+
+
+def test_vertices_that_correspond_by_number_do_so_in_a_mended_file(tmp_path):
+    ball = make_sphere(n_subdivisions=2)
+    for i in range(3):
+        vertices, faces = ball.vertices.copy(), ball.faces.copy()
+        if i == 1:
+            vertices[[5, 9]] = np.nan
+        (tmp_path / f"ball{i}.off").write_text(_off(vertices, faces))
+    with pytest.raises(MeshError, match="2 vertices with NaN"):
+        load_collection(tmp_path)
+    with pytest.warns(SkippedShapeWarning, match="2 vertices with NaN"):
+        assert load_collection(tmp_path, on_invalid="skip").meshes[1].n_vertices == ball.n_vertices
+    with pytest.warns(RepairWarning, match=r"'ball1': left out \d+ faces .* 2 vertices have no place"):
+        data = load_collection(tmp_path, on_invalid="repair")
+    assert [len(truth.pairs) for truth in data.correspondences] == 3 * [ball.n_vertices]
+    with pytest.warns(RepairWarning, match="'ball1': removed 2 vertices"):
+        mended = SpectralBasis(10, on_invalid="repair").transform(data.meshes)[1]
+    assert np.flatnonzero(mended.vertex_map < 0).tolist() == [5, 9]
+    with pytest.raises(MeshError, match="vertices with NaN"):
+        load_collection(tmp_path, reference="ball1", on_invalid="repair")

@@ -90,7 +90,7 @@ _ELSEWHERE = {
     *("report.thin_out", "persistence.TRUSTED_TYPES", "io.as_mesh", "io.as_meshes"),
     *("ground_truth.KnownMap", "ground_truth.join_with_reference", "ground_truth.known_maps"),
     *("ground_truth.check_landmarks", "health.check_mesh", "health.repair_mesh"),
-    *("io.check_meshes", "io.n_vertices_of", "io.named"),
+    *("io.as_far_as_sound", "io.check_meshes", "io.n_vertices_of", "io.named", "io.read_arrays"),
 }
 
 

@@ -264,7 +264,7 @@ def test_the_command_line_goes_on_without_a_broken_mesh(tmp_path, collection, br
     with pytest.warns((RepairWarning, SkippedShapeWarning)):
         assert main([*options, "--on-invalid", on_invalid]) == 0
     said = capsys.readouterr().out
-    assert ("mended: body1" if on_invalid == "repair" else "left out: body1: ") in said
+    assert ("mended: body1" if on_invalid == "repair" else "left out: body1\n") in said
     assert (tmp_path / "out" / "report.html").exists()
 
 

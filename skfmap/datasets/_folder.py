@@ -3,16 +3,16 @@
 import io
 import re
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from sklearn.utils import Bunch
 
-from skfmap._skipped import warn_of_skipped
-from skfmap._typing import IntArray
+from skfmap._skipped import warn_of_repairs, warn_of_skipped
+from skfmap._typing import FloatArray, IntArray
 from skfmap._validation import check_choice, check_index_range
 from skfmap.exceptions import CorrespondenceError, MeshError
-from skfmap.io import MESH_SUFFIXES, read_mesh
+from skfmap.io import MESH_SUFFIXES, as_far_as_sound, n_vertices_of, read_arrays
 from skfmap.shapes import Correspondence, Mesh, SkippedShape
 
 __all__ = ["load_collection"]
@@ -41,11 +41,13 @@ def load_collection(
         Which of them, by name without suffix: ``"cat*"``.
     reference : str, optional
         Name of the mesh to put first; the first in natural order (cat2 before cat10) by default.
-    on_invalid : {"raise", "skip"}, default="raise"
+    on_invalid : {"raise", "repair", "skip"}, default="raise"
         What to do with a mesh that cannot be read, or whose correspondences cannot, or do not fit those of the others:
         none beside it, ``.vts`` files of another length, other faces where vertices correspond by number. ``"skip"``
         puts a `skfmap.shapes.SkippedShape` in its place, with a warning; ``SpectralBasis(on_invalid="skip")`` passes it
-        on, and the learner leaves it out. The reference always raises.
+        on, and the learner leaves it out. ``"repair"`` does so too, but reads a mesh with NaN coordinates or faces that
+        lead nowhere, with a warning: vertices keep their numbers, those without a place belong to no face, and
+        ``SpectralBasis(on_invalid="repair")`` mends that and all else. The reference always raises.
 
     Returns
     -------
@@ -61,6 +63,11 @@ def load_collection(
         an STL mesh counts on vertex numbers, which that format does not have.
     MeshError
         If a mesh cannot be read.
+
+    Warns
+    -----
+    RepairWarning, SkippedShapeWarning
+        If meshes were mended, or left out, as ``on_invalid`` says.
 
     Examples
     --------
@@ -82,19 +89,19 @@ def load_collection(
         )
     if not folder.is_dir():
         raise FileNotFoundError(f"There is no folder {folder}.")
-    check_choice(on_invalid, "on_invalid", ("raise", "skip"))
+    check_choice(on_invalid, "on_invalid", ("raise", "repair", "skip"))
     paths = _mesh_paths(folder, pattern, reference)
     names = [path.stem for path in paths]
-    skip = on_invalid == "skip"
-    read = [_read(path, skip=skip and i > 0) for i, path in enumerate(paths)]
-    meshes: list[Any] = [mesh for mesh, _ in read]
-    found = [truth for _, truth in read]
+    read = [_read(path, "raise" if i == 0 else on_invalid) for i, path in enumerate(paths)]
+    meshes: list[Any] = [one.mesh for one in read]
+    found = [one.truth for one in read]
     beside = any(truth is not None for truth in found)
-    faults = _missing_or_odd(paths, meshes, found) if beside else _other_faces(meshes, folder)
+    faults = _missing_or_odd(paths, meshes, found) if beside else _other_faces(read, folder)
     for i, fault in faults.items():
-        if not skip or i == 0:
+        if on_invalid == "raise" or i == 0:
             raise CorrespondenceError(fault)
         meshes[i] = SkippedShape(names[i], fault, meshes[i].n_vertices)
+    warn_of_repairs([(mesh, one.done) for mesh, one in zip(meshes, read, strict=True)])
     warn_of_skipped(meshes)
     sound = [i for i, mesh in enumerate(meshes) if not isinstance(mesh, SkippedShape)]
     if beside:
@@ -116,19 +123,35 @@ def load_collection(
 
 _LARGEST = 2**53  # whole numbers beyond are not exact as floats, which text is read as
 
+_NO_FACES = np.empty((0, 3), dtype=np.int64)
+
 # What stands beside a shape that is left out.
 _NONE = Correspondence(np.empty((0, 2), dtype=np.int64))
 
 
-def _read(path: Path, *, skip: bool) -> tuple[Mesh | SkippedShape, Correspondence | None]:
+class _Read(NamedTuple):
+    """What stands in the files of a shape: mesh, correspondence, faces as stored, and how these were mended."""
+
+    mesh: Mesh | SkippedShape
+    truth: Correspondence | None = None
+    faces: IntArray = _NO_FACES
+    done: str = ""
+
+
+def _read(path: Path, on_invalid: str) -> _Read:
     """Return a mesh and where it lies on the template, or the place of one that cannot be read."""
     try:
-        mesh = read_mesh(path)
-        return mesh, _read_correspondence(path, mesh)
+        arrays = read_arrays(path)
+        mesh, done = (as_far_as_sound if on_invalid == "repair" else _as_it_is)(*arrays, path.stem)
+        return _Read(mesh, _read_correspondence(path, mesh), arrays[1], done)
     except (MeshError, CorrespondenceError, OSError) as error:
-        if not skip:
+        if on_invalid == "raise":
             raise
-        return SkippedShape(path.stem, str(error)), None
+        return _Read(SkippedShape(path.stem, str(error), n_vertices_of(path)))
+
+
+def _as_it_is(vertices: FloatArray, faces: IntArray, name: str) -> tuple[Mesh, str]:
+    return Mesh(vertices, faces, name), ""
 
 
 def _range(counts: list[int]) -> str:
@@ -276,12 +299,13 @@ def _of_kind(kind: str, values: IntArray, path: Path, mesh: Mesh) -> Corresponde
     return Correspondence.from_vertices(values)
 
 
-def _other_faces(meshes: list[Any], folder: Path) -> dict[int, str]:
+def _other_faces(read: list[_Read], folder: Path) -> dict[int, str]:
     """Return, by place, which meshes have other faces than the first, so that vertices do not correspond by number."""
+    first = read[0]
     return {
-        i: f"{folder} has no correspondence files, and {mesh.name!r} has other faces than {meshes[0].name!r}, so that "
-        "vertices do not correspond by number. Put a file beside each mesh: NAME.vts, NAME.vertices.txt, "
+        i: f"{folder} has no correspondence files, and {one.mesh.name!r} has other faces than {first.mesh.name!r}, so "
+        "that vertices do not correspond by number. Put a file beside each mesh: NAME.vts, NAME.vertices.txt, "
         "NAME.template.txt or NAME.txt; help(skfmap.datasets.load_collection) explains them."
-        for i, mesh in enumerate(meshes)
-        if isinstance(mesh, Mesh) and not np.array_equal(mesh.faces, meshes[0].faces)
+        for i, one in enumerate(read)
+        if isinstance(one.mesh, Mesh) and not np.array_equal(one.faces, first.faces)
     }

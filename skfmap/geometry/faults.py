@@ -4,6 +4,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from skfmap._typing import BoolArray, FloatArray, IntArray
+from skfmap._validation import has_place
 
 __all__ = [
     "boundary_pieces",
@@ -19,6 +20,7 @@ __all__ = [
     "nonmanifold_vertices",
     "repeated_corners",
     "slivers",
+    "sound_faces",
     "unreferenced_vertices",
 ]
 
@@ -32,6 +34,15 @@ def repeated_corners(faces: IntArray) -> IntArray:
     """Return the faces that name one vertex twice."""
     a, b, c = faces.T
     return np.flatnonzero((a == b) | (b == c) | (c == a))
+
+
+def sound_faces(vertices: FloatArray, faces: IntArray) -> BoolArray:
+    """Return which faces name three different vertices that exist and have a place."""
+    placed = np.append(has_place(vertices), False)  # the last for whatever does not exist
+    inside = (faces >= 0) & (faces < len(vertices))
+    sound = np.asarray(placed[np.where(inside, faces, -1)].all(axis=1))
+    sound[repeated_corners(faces)] = False
+    return sound
 
 
 def degenerate_faces(vertices: FloatArray, faces: IntArray) -> IntArray:
