@@ -1,5 +1,8 @@
 """Learn which probe functions to trust when matching non-rigid shapes."""
 
+import importlib
+from types import ModuleType
+
 from skfmap._version import __version__
 from skfmap.basis import SpectralBasis
 from skfmap.descriptors import DescriptorTransformer
@@ -22,3 +25,21 @@ __all__ = [
     "match",
     "repair_mesh",
 ]
+
+# Imported when they are asked for: pictures and reports take a while to load.
+_SUBMODULES = (
+    *("basis", "datasets", "descriptors", "exceptions", "functional", "geometry", "ground_truth", "health", "io"),
+    *("learner", "metrics", "model_selection", "persistence", "plotting", "report", "shapes"),
+)
+
+
+def __getattr__(name: str) -> ModuleType:
+    """Return a module of the package."""
+    if name not in _SUBMODULES:
+        raise AttributeError(f"module 'skfmap' has no attribute {name!r}")
+    return importlib.import_module(f"skfmap.{name}")
+
+
+def __dir__() -> list[str]:
+    """Return the public names, modules among them."""
+    return sorted([*__all__, *_SUBMODULES])

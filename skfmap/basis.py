@@ -189,6 +189,8 @@ def _or_raise(item: Any, i: int, *how: Any) -> tuple[SpectralShape, str]:
 
 def _or_skip(item: Any, i: int, *how: Any) -> tuple[SpectralShape | SkippedShape, str]:
     """Return the shape, or its place if the mesh cannot be read or used."""
+    if isinstance(item, SkippedShape):
+        return item, ""
     mesh = None
     try:
         mesh = as_mesh(item, i)

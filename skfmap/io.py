@@ -188,7 +188,11 @@ def as_mesh(item: Any, position: int | None = None) -> Mesh:
     if isinstance(item, (str, Path)):
         return read_mesh(item)
     if isinstance(item, SkippedShape):
-        raise MeshError(item.reason)
+        place = "" if position is None else f"X[{position}], "
+        raise MeshError(
+            f"{place}{label(item.name, 'shape')} was left out before: {item.reason} Leave it out here too; "
+            "SpectralBasis(on_invalid='skip') passes it on."
+        )
     name = None if position is None else f"shape {position}"
     if _is_trimesh(item):
         return Mesh(item.vertices, item.faces, name=(item.metadata or {}).get("name") or name)

@@ -683,9 +683,12 @@ class Match:
         return kinds[np.asarray((self.matrix @ members.tocsr()).todense()).argmax(axis=1)]
 
     def __repr__(self) -> str:
-        """Return a line with both names and the mean expected error."""
-        mean = self.expected_error.mean()
-        return f"Match({self.name!r} -> {self.reference_name!r}, mean expected error {mean:.3f} sqrt(area))"
+        """Return a line with both names, the mean expected error, and how many vertices have no match."""
+        known = self.expected_error[~np.isnan(self.expected_error)]
+        says = f"mean expected error {known.mean():.3f} sqrt(area)" if len(known) else "no match"
+        if 0 < len(known) < len(self.p2p):
+            says += f", {len(self.p2p) - len(known)} of {len(self.p2p)} vertices without a match"
+        return f"Match({self.name!r} -> {self.reference_name!r}, {says})"
 
 
 def _renumbered(pairs: IntArray, weights: FloatArray | None, new: IntArray) -> tuple[IntArray, FloatArray | None]:

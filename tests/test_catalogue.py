@@ -474,6 +474,7 @@ def test_a_broken_file_in_a_folder_does_not_lose_the_others(tmp_path, collection
     assert all("body2" in message for message in told)
     lost = (fault, suffix) in UNREADABLE or CATALOGUE[fault][2] == LEFT_OUT
     assert (matches[2].p2p >= 0).any() != lost
+    assert ("no match" in repr(matches[2])) == lost
     if (fault, suffix) not in UNREADABLE:
         assert len(matches[2].p2p) == len(meshes[2][0])
     assert all((matches[i].p2p >= 0).all() for i in (0, 1, 3))
@@ -498,3 +499,17 @@ def test_vertices_that_correspond_by_number_do_so_in_a_mended_file(tmp_path):
     assert np.flatnonzero(mended.vertex_map < 0).tolist() == [5, 9]
     with pytest.raises(MeshError, match="vertices with NaN"):
         load_collection(tmp_path, reference="ball1", on_invalid="repair")
+
+
+def test_what_was_left_out_before_is_said_to_have_been(tmp_path, recwarn):
+    ball = make_sphere(n_subdivisions=1)
+    text = _off(ball.vertices, ball.faces)
+    (tmp_path / "ball0.off").write_text(text)
+    (tmp_path / "ball1.off").write_text(text[: len(text) // 2])
+    data = load_collection(tmp_path, on_invalid="repair")
+    assert len(recwarn) == 1
+    with pytest.raises(MeshError, match=r"X\[1\], shape 'ball1' was left out before: .*ball1.off"):
+        SpectralBasis(5).transform(data.meshes)
+    shapes = SpectralBasis(5, on_invalid="repair").transform(data.meshes)
+    assert isinstance(shapes[1], SkippedShape)
+    assert len(recwarn) == 1  # told once

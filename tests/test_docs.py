@@ -3,6 +3,8 @@
 import importlib
 import pkgutil
 import re
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -102,6 +104,19 @@ def _listed():
 def test_every_public_name_is_in_the_api():
     missing = _public() - set(_listed()) - _ELSEWHERE
     assert not missing, sorted(missing)
+
+
+def test_modules_are_there_when_the_package_is_and_wait_until_they_are_asked_for():
+    code = (
+        "import sys, skfmap; assert not {'matplotlib', 'trimesh', 'skfmap.report'} & set(sys.modules); "
+        "modules = {name for name in dir(skfmap) if name not in skfmap.__all__}; "
+        "print(*sorted(name for name in modules if getattr(skfmap, name).__name__ == f'skfmap.{name}'))"
+    )
+    told = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout.split()
+    public = {module.name for module in pkgutil.iter_modules(skfmap.__path__) if not module.name.startswith("_")}
+    assert set(told) == public - {"__main__"}
+    with pytest.raises(AttributeError, match="module 'skfmap' has no attribute 'pictures'"):
+        _ = skfmap.pictures
 
 
 @pytest.mark.parametrize("name", _listed() if (ROOT / "docs").is_dir() else [])
