@@ -1,11 +1,15 @@
 """The main job as a person runs it."""
 
+import subprocess
+import sys
+
 import joblib
 import numpy as np
 import pytest
 from matplotlib.image import imread
 
 from skfmap.__main__ import main
+from skfmap.exceptions import DisagreementWarning
 from skfmap.io import write_mesh
 
 
@@ -48,3 +52,28 @@ def test_main_job_says_what_is_wrong_in_one_line(folder, capsys, arguments, mess
     captured = capsys.readouterr()
     assert message in captured.err
     assert captured.err.count("\n") == 1
+
+
+def test_a_wrong_correspondence_is_told_once(collection, tmp_path):
+    rng = np.random.default_rng(0)
+    for i in range(5):
+        pairs = collection.truths[i].pairs.copy()
+        if i == 3:
+            pairs[:, 0] = rng.permutation(pairs[:, 0])
+        write_mesh(collection.meshes[i], tmp_path / f"body{i}.off")
+        np.savetxt(tmp_path / f"body{i}.txt", pairs, fmt="%d")
+    options = [str(tmp_path), "--output", str(tmp_path / "out"), "--functions", "15", "--folds", "2", "--jobs", "1"]
+    with pytest.warns(DisagreementWarning, match="'body3'") as told:
+        assert main(options) == 0
+    assert [one.category for one in told] == [DisagreementWarning]
+
+
+def test_warnings_are_printed_without_lines_of_code(folder):
+    (folder / "body1.off").write_text("OFF\n3 1 0\n0 0 0\n")
+    code = [sys.executable, "-m", "skfmap", str(folder), "--output", str(folder / "out"), "--on-invalid", "skip"]
+    done = subprocess.run([*code, "--functions", "10", "--folds", "1"], capture_output=True, text=True, check=True)
+    assert done.stderr.splitlines()[0].startswith(
+        "SkippedShapeWarning: 1 of 4 shapes are left out. X[1], shape 'body1'"
+    )
+    assert "left out: body1\n" in done.stdout
+    assert ".py" not in done.stderr
