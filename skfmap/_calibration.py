@@ -5,7 +5,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from skfmap._confidence import ErrorModel, Observation, Watch, fit_error_model, observe, watch_reference
-from skfmap._matching import UNREFINED, Matcher, match_points, penalised_error
+from skfmap._matching import UNREFINED, Matcher, embedding_distance, match_points, penalised_error
 from skfmap._parallel import map_shapes
 from skfmap._training import Training, learn_from_rows, learning_arrays, matcher_from
 from skfmap._typing import FloatArray, IntArray
@@ -69,19 +69,21 @@ def calibrate(
         for i in rows
     )
     watched = map_shapes(_observe_all, arguments, n_jobs=n_jobs, verbose=0, prefer="threads")
-    observed = [one for one, _ in watched]
+    observed = [one for one, _, _ in watched]
+    worst_distance = max(distance for _, _, distance in watched)
     order = np.concatenate(left_out)
     share = training.share[order]
     error_models = {
         kind: fit_error_model(
             [one[kind]._replace(weights=own * one[kind].weights) for own, one in zip(share, observed, strict=True)],
             watch,
+            worst_distance=worst_distance,
             cross_validated=n_folds > 1,
         )
         for kind in observed[0]
     }
     misfits, errors = np.full((2, len(training.shapes)), np.nan)
-    misfits[order] = [misfit for _, misfit in watched]
+    misfits[order] = [misfit for _, misfit, _ in watched]
     kind = whole.settings.refine or UNREFINED
     errors[order] = [np.average(one[kind].errors, weights=one[kind].weights) for one in observed]
     return Calibration(error_models, misfits, errors)
@@ -106,8 +108,8 @@ def _matchers_without(
 
 def _observe_all(
     matcher: Matcher, shape: ProbedShape, join: JoinedPairs, areas: FloatArray, watch: Watch
-) -> tuple[dict[str, Observation], float]:
+) -> tuple[dict[str, Observation], float, float]:
     before, after = match_points(matcher, shape)
     kinds = {UNREFINED: before, matcher.settings.refine or UNREFINED: after}
     seen = {kind: observe(matcher, shape, join, areas, match, watch) for kind, match in kinds.items()}
-    return seen, penalised_error(matcher, shape)
+    return seen, penalised_error(matcher, shape), embedding_distance(shape, before)

@@ -65,6 +65,10 @@ class ErrorModel:
         Whether errors are those of shapes that were left out of the learning.
     mean_error : float
         Mean error of the training shapes.
+    worst_distance : float
+        Largest `embedding_distance` of a training shape, before refinement.
+    chance : float
+        Mean error of points that are matched at random.
     """
 
     mean: FloatArray
@@ -76,12 +80,24 @@ class ErrorModel:
     reference_errors: FloatArray
     cross_validated: bool
     mean_error: float
+    worst_distance: float
+    chance: float
 
-    def predict(self, signs: FloatArray, p2p: IntArray) -> tuple[FloatArray, FloatArray]:
-        """Return expected error and confidence of each vertex; beyond the knots the last value holds."""
+    def misfit(self, distance: float) -> float:
+        """Return an `embedding_distance` in units of the worst training shape's."""
+        return distance / max(self.worst_distance, _TINY)
+
+    def predict(self, signs: FloatArray, p2p: IntArray, misfit: float) -> tuple[FloatArray, FloatArray]:
+        """Return expected error and confidence of each vertex; beyond the knots the last value holds.
+
+        Nothing was seen of shapes with a misfit beyond 1. Their errors are raised, and confidences lowered, by its
+        square, up to chance: creatures that were stretched, cut and swapped for other animals are off by that.
+        """
         columns = np.column_stack([signs, np.log(self.reference_errors[p2p] + _TINY)])
         rank = ((columns - self.mean) / self.scale) @ self.coefficients
-        return np.interp(rank, self.knots, self.expected_error), np.interp(rank, self.knots, self.confidence)
+        error, hits = np.interp(rank, self.knots, self.expected_error), np.interp(rank, self.knots, self.confidence)
+        unseen = max(1.0, misfit) ** 2
+        return np.clip(unseen * error, None, np.maximum(error, self.chance)), hits / unseen
 
 
 class Watch(NamedTuple):
@@ -175,7 +191,9 @@ def _averaged(mesh: Mesh, columns: FloatArray) -> FloatArray:
     return columns
 
 
-def fit_error_model(observations: Sequence[Observation], watch: Watch, *, cross_validated: bool) -> ErrorModel:
+def fit_error_model(
+    observations: Sequence[Observation], watch: Watch, *, worst_distance: float, cross_validated: bool
+) -> ErrorModel:
     """Fit the model to what training shapes showed, on at most 50 knots.
 
     Parameters
@@ -184,6 +202,8 @@ def fit_error_model(observations: Sequence[Observation], watch: Watch, *, cross_
         One for each training shape, weighted by its share.
     watch : Watch
         Where they were made.
+    worst_distance : float
+        Largest `embedding_distance` of the shapes.
     cross_validated : bool
         Whether the shapes were left out of the learning.
 
@@ -214,7 +234,8 @@ def fit_error_model(observations: Sequence[Observation], watch: Watch, *, cross_
     hit = IsotonicRegression(increasing=False, out_of_bounds="clip").fit(rank, errors <= TOLERANCE, weights)
     expected, confidence = np.asarray(error.predict(knots)), np.asarray(hit.predict(knots))
     overall = float(np.average(errors, weights=weights))
-    return ErrorModel(mean, scale, coefficients, knots, expected, confidence, errors_0, cross_validated, overall)
+    model = (mean, scale, coefficients, knots, expected, confidence, errors_0, cross_validated, overall)
+    return ErrorModel(*model, worst_distance, float(watch.distances.mean()))
 
 
 def _by_vertex(observation: Observation, n_watched: int) -> tuple[FloatArray, FloatArray]:

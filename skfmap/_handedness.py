@@ -5,7 +5,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from skfmap._inputs import place
 from skfmap._matching import Matcher, penalised_error
+from skfmap._skipped import Sorted
 from skfmap._training import Training
 from skfmap._typing import FloatArray
 from skfmap.exceptions import OrientationWarning
@@ -21,14 +23,14 @@ _AGAINST = -0.1
 _MUCH_BETTER = 0.7
 
 
-def warn_of_mirrored_training_shapes(training: Training) -> None:
-    """Warn of shapes whose known maps take oriented probes to their opposites."""
+def warn_of_mirrored_training_shapes(training: Training, places: Sequence[int]) -> None:
+    """Warn of shapes whose known maps take oriented probes to their opposites; they stood at these places of X."""
     odd = _odd(training.reference)
     if not odd.any():
         return
     suspects = [
-        f"training shape {i}" if shape.name is None else repr(shape.name)
-        for i, (shape, one) in enumerate(zip(training.shapes, training.known, strict=True))
+        place(i, shape)
+        for i, shape, one in zip(places, training.shapes, training.known, strict=True)
         if _agreement(training.reference, shape, one.C, odd) < _AGAINST
     ]
     if suspects:
@@ -42,13 +44,13 @@ def warn_of_mirrored_training_shapes(training: Training) -> None:
         )
 
 
-def warn_of_mirrored_shapes(matcher: Matcher, shapes: Sequence[ProbedShape]) -> list[int]:
-    """Warn of new shapes that fit much better once their oriented probes are negated; return their places."""
+def warn_of_mirrored_shapes(matcher: Matcher, given: Sorted) -> list[int]:
+    """Warn of new shapes that fit much better once their oriented probes are negated; return which."""
     odd = _odd(matcher.reference)
     if not odd.any():
         return []
-    places = [i for i, shape in enumerate(shapes) if _is_mirrored(matcher, shape, odd)]
-    suspects = [f"X[{i}]" if shapes[i].name is None else repr(shapes[i].name) for i in places]
+    mirrored = [i for i, shape in enumerate(given.shapes) if _is_mirrored(matcher, shape, odd)]
+    suspects = [place(given.places[i], given.shapes[i]) for i in mirrored]
     if suspects:
         warnings.warn(
             f"As mirror images, these shapes fit the reference much better: {', '.join(suspects)}. Left may be taken "
@@ -57,7 +59,7 @@ def warn_of_mirrored_shapes(matcher: Matcher, shapes: Sequence[ProbedShape]) -> 
             OrientationWarning,
             stacklevel=4,
         )
-    return places
+    return mirrored
 
 
 def _odd(shape: ProbedShape) -> FloatArray:

@@ -89,6 +89,12 @@ def penalised_error(matcher: Matcher, shape: ProbedShape) -> float:
     return float(np.square(residual).sum() + (penalty[1:, 1:] * np.square(C[1:, 1:])).sum())
 
 
+def embedding_distance(shape: ProbedShape, match: PointMatch) -> float:
+    """Return the mean distance, by area, between the points of a shape and those that they are matched to."""
+    distances = np.linalg.norm(match.points_i - match.points_0[match.p2p], axis=1)
+    return float(np.average(distances, weights=shape.spectral.mass))
+
+
 def _equation_2(matcher: Matcher, shape: ProbedShape) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Return normalised probes of the reference and of the shape, and the regulariser's diagonals."""
     k, reference, settings = len(matcher.stable_basis), matcher.reference, matcher.settings

@@ -5,7 +5,7 @@ import scipy.sparse as sp
 from sklearn.neighbors import NearestNeighbors
 
 from skfmap._confidence import ErrorModel, count_supporting, vertex_signs
-from skfmap._matching import UNREFINED, Matcher, PointMatch, match_points
+from skfmap._matching import UNREFINED, Matcher, PointMatch, embedding_distance, match_points
 from skfmap._typing import FloatArray, IntArray, SparseMatrix
 from skfmap.functional.subvertex import nearest_on_triangles
 from skfmap.shapes import Match, ProbedShape
@@ -31,7 +31,9 @@ def match_shape(
     """Match one shape, and say how far to trust each vertex."""
     before, after = match_points(matcher, shape)
     refine = matcher.settings.refine
-    expected_error, confidence = _expect(error_models, refine, matcher, shape, before, after)
+    unrefined = error_models.get(UNREFINED)  # nothing is calibrated yet while a fit is under way, in a callback
+    misfit = np.nan if unrefined is None else unrefined.misfit(embedding_distance(shape, before))
+    expected_error, confidence = _expect(error_models, refine, matcher, shape, before, after, misfit)
     stable = matcher.stable_basis[:, : matcher.settings.n_stable]
     return Match(
         after.p2p,
@@ -46,6 +48,7 @@ def match_shape(
         matrix=_matrix(matcher, after, interpolate),
         inverse=after.inverse,
         reference_hash=matcher.reference.spectral.mesh.content_hash,
+        misfit=misfit,
     )
 
 
@@ -56,12 +59,13 @@ def _expect(
     shape: ProbedShape,
     before: PointMatch,
     after: PointMatch,
+    misfit: float,
 ) -> tuple[FloatArray, FloatArray]:
-    if not error_models:  # under way, in a callback: nothing is calibrated yet
+    if not error_models:
         unknown = np.full(len(after.p2p), np.nan)
         return unknown, unknown
     kind, match = (refine, after) if refine in error_models else (UNREFINED, before)
-    return error_models[kind].predict(vertex_signs(matcher, shape, match), match.p2p)
+    return error_models[kind].predict(vertex_signs(matcher, shape, match), match.p2p, misfit)
 
 
 def _matrix(matcher: Matcher, match: PointMatch, interpolate: str | None) -> SparseMatrix:

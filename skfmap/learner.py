@@ -16,7 +16,7 @@ from skfmap._bridge import choose_bridge, cross, cross_over, pays
 from skfmap._calibration import calibrate
 from skfmap._callbacks import CallbackSupportMixin, FitTask, with_callbacks
 from skfmap._disagreement import warn_of_disagreement
-from skfmap._familiarity import warn_of_unfamiliar_shapes
+from skfmap._familiarity import places_of_misfits, warn_of_unfamiliar_shapes
 from skfmap._handedness import warn_of_mirrored_shapes, warn_of_mirrored_training_shapes
 from skfmap._inputs import check_correspondences, check_same_probes, check_shapes, place
 from skfmap._matching import MATCHINGS, REFINEMENTS, UNREFINED, Matcher, Settings, learned_map
@@ -290,7 +290,7 @@ class WeightedFunctionalMapLearner(CallbackSupportMixin, Versioned, BaseEstimato
         self._tell("calibrating expected errors on training shapes left out in turn")
         places = [i for i in used if i != where]
         fitted |= self._calibrated(training, _matcher_of(fitted), places, len(given))
-        warn_of_mirrored_training_shapes(training)
+        warn_of_mirrored_training_shapes(training, places)
         warn_of_disagreement(fitted["training_errors_"], given, stacklevel=3)
         _warn_of_instability(
             fitted,
@@ -321,7 +321,8 @@ class WeightedFunctionalMapLearner(CallbackSupportMixin, Versioned, BaseEstimato
             If a shape is not like the training shapes.
         """
         given, k = self._check_new(X), len(self.stable_basis_)
-        warn_of_unfamiliar_shapes(self._matcher(), self.misfits_, given.shapes, self.n_jobs, stacklevel=3)
+        strange = places_of_misfits(self._matcher(), self.misfits_, given.shapes, self.n_jobs)
+        warn_of_unfamiliar_shapes(given, strange, stacklevel=3)
         maps = self._functional_maps(given.shapes)
         return np.stack(spread(maps, given, lambda _: np.full((k, k), np.nan)))
 
@@ -403,9 +404,12 @@ class WeightedFunctionalMapLearner(CallbackSupportMixin, Versioned, BaseEstimato
         given = self._check_new(X)
         check_choice(interpolate, "interpolate", INTERPOLATIONS)
         matcher = self._matcher(refine=refine)
-        mirrored = warn_of_mirrored_shapes(matcher, given.shapes)
-        warn_of_unfamiliar_shapes(matcher, self.misfits_, given.shapes, self.n_jobs, told=mirrored, stacklevel=3)
-        return spread(self._matches(matcher, given.shapes, refine, interpolate), given, self._no_match)
+        mirrored = warn_of_mirrored_shapes(matcher, given)
+        matches = self._matches(matcher, given.shapes, refine, interpolate)
+        strange = places_of_misfits(matcher, self.misfits_, given.shapes, self.n_jobs, matches)
+        warn_of_unfamiliar_shapes(given, [i for i in strange if i not in mirrored], stacklevel=3)
+        matches = [replace(match, familiar=i not in strange) for i, match in enumerate(matches)]
+        return spread(matches, given, self._no_match)
 
     def _matches(
         self, matcher: Matcher, shapes: Sequence[ProbedShape], refine: str | None, interpolate: str | None

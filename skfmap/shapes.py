@@ -564,6 +564,11 @@ class Match:
         Point map of the other direction: vertex of S_i for each vertex of S_0, found in the same embedding.
     reference_hash : str or None
         ``content_hash`` of the mesh of S_0.
+    misfit : float
+        Mean distance between matched points of the embedding, in units of the worst training shape that was left out.
+        Beyond 1 ``expected_error`` is raised, and ``confidence`` lowered, by its square.
+    familiar : bool
+        Whether the shape is like the training shapes: False where `UnfamiliarShapeWarning` named it.
     """
 
     p2p: IntArray
@@ -578,6 +583,8 @@ class Match:
     matrix: SparseMatrix | Any = None
     inverse: IntArray | Any = None
     reference_hash: str | None = None
+    misfit: float = float("nan")
+    familiar: bool = True
 
     def transfer(self, values: object, *, max_error: float | None = None) -> Any:
         """Carry a function, labels, a segmentation or texture coordinates from the reference to this shape.
@@ -688,6 +695,8 @@ class Match:
         says = f"mean expected error {known.mean():.3f} sqrt(area)" if len(known) else "no match"
         if 0 < len(known) < len(self.p2p):
             says += f", {len(self.p2p) - len(known)} of {len(self.p2p)} vertices without a match"
+        if not self.familiar:
+            says += ", unlike the training shapes"
         return f"Match({self.name!r} -> {self.reference_name!r}, {says})"
 
 

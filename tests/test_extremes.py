@@ -1,5 +1,7 @@
 """Shapes and correspondences at the edge of what makes sense: each has a stated behaviour."""
 
+import warnings
+
 import numpy as np
 import pytest
 from sklearn.pipeline import make_pipeline
@@ -54,12 +56,36 @@ def test_a_shape_that_is_not_like_the_training_shapes_is_told():
     ).fit(coarse.meshes[:4], coarse.correspondences[:4])
     assert np.isfinite(model[-1].misfits_).sum() == 3
     (sound,) = skfmap.match(model, coarse.meshes[4:])  # and not a word
-    with pytest.warns(UnfamiliarShapeWarning, match=r"'cat4' \(\d\.\d times\).*another resolution"):
+    with pytest.warns(UnfamiliarShapeWarning, match=r"X\[0\] \('cat4'\).*another resolution"):
         (match,) = skfmap.match(model, fine.meshes[4:])
     with pytest.warns(UnfamiliarShapeWarning):
         model.predict(fine.meshes[4:])
     assert sound.expected_error.mean() > 0.5 * -model.score(coarse.meshes[4:], coarse.correspondences[4:])
-    assert match.expected_error.mean() < 0.5 * -model.score(fine.meshes[4:], fine.correspondences[4:])
+    assert sound.familiar
+    assert sound.misfit < 1
+    assert not match.familiar
+    assert match.misfit > 1.4
+    assert "unlike the training shapes" in repr(match)
+    assert match.expected_error.mean() > 0.3 * -model.score(fine.meshes[4:], fine.correspondences[4:])
+
+
+@pytest.mark.parametrize("stretch", [1.0, 1.5, 2.0, 3.0])
+def test_expected_errors_of_what_was_never_seen_are_raised(stretch):
+    """Stretched bodies are matched the worse the more they are; errors follow, though no training shape showed that."""
+    creatures = make_creatures(6, 700, n_points=700)
+    model = make_pipeline(
+        SpectralBasis(60), DescriptorTransformer(), WeightedFunctionalMapLearner(n_functions=30, tol=1e-3)
+    ).fit(creatures.meshes[:5], creatures.correspondences[:5])
+    body = creatures.meshes[5]
+    stretched = Mesh(body.vertices * [1, 1, stretch], body.faces, body.name)
+    with warnings.catch_warnings(record=True) as told:
+        warnings.simplefilter("always")
+        (match,) = skfmap.match(model, [stretched])
+        error = -model.score([stretched], creatures.correspondences[5:])
+    assert match.familiar == (not told)
+    assert match.familiar == (stretch < 2)
+    assert 0.4 < match.expected_error.mean() / error < 2.5
+    assert 0 <= match.confidence.min() <= match.confidence.max() <= 1
 
 
 @pytest.mark.parametrize("unit", [1e-60, 1e-9, 1e9, 1e60])
