@@ -18,7 +18,7 @@ from skfmap._validation import check_number
 from skfmap.basis import SpectralBasis
 from skfmap.datasets import load_collection, make_creatures
 from skfmap.descriptors import DescriptorTransformer
-from skfmap.exceptions import CoverageWarning, DisagreementWarning, MeshError, OrientationWarning
+from skfmap.exceptions import CorrespondenceError, CoverageWarning, DisagreementWarning, MeshError, OrientationWarning
 from skfmap.functional.weighting import WEIGHTINGS
 from skfmap.learner import WeightedFunctionalMapLearner
 from skfmap.metrics import ERROR_KINDS, PairErrors, reference_distances
@@ -33,6 +33,8 @@ _MATCHINGS: dict[str, dict[str, Any]] = {
     "soft": {"matching": "soft"},
 }
 
+
+_GO_ON = " (--on-invalid repair, or skip, goes on without what is broken, but for the reference.)"
 
 _KINDS_EXPLAINED = (
     "full: all functions alike; reduced: the more stable half; soft: all, weighted by stability\n"
@@ -56,7 +58,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     try:
         _run(options)
     except (ValueError, TypeError, OSError) as error:
-        print(f"skfmap: {error}", file=sys.stderr)
+        hint = isinstance(error, (MeshError, CorrespondenceError)) and options.on_invalid == "raise"
+        print(f"skfmap: {error}{_GO_ON if hint else ''}", file=sys.stderr)
         return 2
     except KeyboardInterrupt:
         print("skfmap: interrupted; results in the folder given by --cache are kept.", file=sys.stderr)

@@ -64,6 +64,10 @@ def as_reals(values: object, who: str, error: type[Exception] = ValueError) -> F
     try:
         if given.dtype.kind not in "iufO":
             raise TypeError(f"got dtype {given.dtype}")
+        if given.dtype.kind == "O":
+            strange = [value for value in given.flat if isinstance(value, bool) or not isinstance(value, numbers.Real)]
+            if strange:
+                raise TypeError(f"got {strange[0]!r}")
         return np.array(given, dtype=np.float64, order="C")
     except (TypeError, ValueError) as failure:
         raise error(f"{who} must hold real numbers: {failure}.") from None

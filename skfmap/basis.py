@@ -234,6 +234,11 @@ def _spectral_shape(mesh: Mesh, laplacian: str, n_components: int, memory: Any) 
             f"No eigenbasis for {label(mesh.name)}: {error}. Mend the mesh"
             + (", or try SpectralBasis(laplacian='robust')." if laplacian == "cotangent" else ".")
         ) from error
+    if not (np.isfinite(evals).all() and np.isfinite(evecs).all()):
+        raise MeshError(
+            f"No eigenbasis for {label(mesh.name)}: its eigenfunctions are not numbers. Its coordinates may have lost "
+            "their digits far from the origin, or its faces their shape; see skfmap.check_mesh."
+        )
     spectral = SpectralShape(oriented, evals, evecs, mass, stiffness, oriented.area, consistent, outward, laplacian)
     return spectral.truncate(n_components)
 

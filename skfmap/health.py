@@ -394,7 +394,10 @@ def repair_mesh(mesh: Any) -> Repair:
     vertex_map = renumber[target]
     n_dropped = int((vertex_map < 0).sum())
     if n_dropped:
-        done.append(f"removed {n_dropped} vertices that no face used")
+        share = (
+            f" ({n_dropped / len(vertices):.0%} of all: is the mesh whole?)" if 5 * n_dropped > len(vertices) else ""
+        )
+        done.append(f"removed {n_dropped} vertices that no face used{share}")
     points, faces = vertices[used], renumber[faces]
     wound, _, _ = orient_faces(points, faces)
     if not np.array_equal(wound, faces):

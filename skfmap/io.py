@@ -41,7 +41,10 @@ _READ_OPTIONS: dict[str, dict[str, bool]] = {
 }
 
 
-# Faces of OBJ files: what follows a vertex there, and those that name vertex 0.
+_MARK = b"\xef\xbb\xbf"  # of the order of bytes, which editors put in front of texts
+
+# OBJ files: lines that go on; what follows a vertex there, and those that name vertex 0.
+_CONTINUED = re.compile(rb"\\\r?\n")
 _AFTER_SLASH = re.compile(rb"/[^\s]*")
 _ZERO_INDEX = re.compile(rb"^[ \t]*f[ \t]+(?:[^\n]*[ \t])?0+(?=\s|$)[^\n]*", re.MULTILINE)
 
@@ -85,7 +88,7 @@ def read_arrays(path: str | Path) -> tuple[FloatArray, IntArray]:
     import trimesh  # noqa: PLC0415
 
     logging.getLogger("trimesh").addHandler(logging.NullHandler())  # it writes tracebacks where nobody listens
-    content = path.read_bytes()
+    content = path.read_bytes().removeprefix(_MARK)
     if suffix == ".off":
         content = _without_comments(content)
     if suffix == ".obj":
@@ -96,7 +99,11 @@ def read_arrays(path: str | Path) -> tuple[FloatArray, IntArray]:
         )
         vertices, faces = np.asarray(loaded.vertices), np.asarray(loaded.faces)
     except Exception as error:
-        raise MeshError(f"{path} cannot be read as a triangle mesh: {type(error).__name__}: {error}.") from error
+        said = str(error).rstrip(".")
+        raise MeshError(
+            f"{path} cannot be read as a triangle mesh; is it whole, and of the format that its name says? The reader "
+            f"says: {type(error).__name__}: {said}."
+        ) from error
     if suffix == ".stl":
         vertices, faces = _weld(vertices, faces)
     stored = _stored_counts(content, suffix)
@@ -117,7 +124,8 @@ def as_far_as_sound(vertices: FloatArray, faces: IntArray, name: str) -> tuple[M
     if not sound.any():
         raise MeshError(f"Nothing is left of {label(name)}: no face names three vertices with a place. Leave it out.")
     points = np.where(placed[:, None], vertices, vertices[placed].mean(axis=0))
-    done = f"left out {n_faces} faces that were no triangles or led nowhere, {n_vertices} vertices have no place"
+    what = "were no triangles, led nowhere or had vertices without a place"
+    done = f"left out {n_faces} faces that {what} ({n_vertices} vertices with NaN or infinite coordinates)"
     return Mesh(points, faces[sound], name), done
 
 
@@ -191,7 +199,7 @@ def as_mesh(item: Any, position: int | None = None) -> Mesh:
         place = "" if position is None else f"X[{position}], "
         raise MeshError(
             f"{place}{label(item.name, 'shape')} was left out before: {item.reason} Leave it out here too; "
-            "SpectralBasis(on_invalid='skip') passes it on."
+            "SpectralBasis(on_invalid='skip'), or 'repair', passes it on."
         )
     name = None if position is None else f"shape {position}"
     if _is_trimesh(item):
@@ -280,7 +288,7 @@ def _plain_obj(content: bytes) -> bytes:
     numbers (-1 is the last vertex so far) for counted from the end of the file.
     """
     lines, n_vertices = [], 0
-    for line in content.replace(b"\\\n", b" ").splitlines():
+    for line in _CONTINUED.sub(b" ", content).splitlines():
         words = line.split(b"#", maxsplit=1)[0].split()
         if words[:1] == [b"v"]:
             n_vertices += 1
@@ -297,7 +305,8 @@ def _absolute(word: bytes, n_vertices: int) -> bytes:
     """Return the number of a vertex, counted from 1, where it was counted back from the last one so far."""
     if not (word.startswith(b"-") and word[1:].isdigit()):
         return word
-    return b"%d" % max(0, n_vertices + 1 - int(word[1:]))  # 0 is refused later
+    back = int(word[1:])
+    return b"%d" % max(0, n_vertices + 1 - back if back else 0)  # 0 is refused later
 
 
 def _check_counts(path: Path, stored: tuple[int, int] | None, n_vertices: int, n_faces: int) -> None:

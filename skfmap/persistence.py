@@ -3,7 +3,8 @@
 import copy
 import io
 import json
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import fields, is_dataclass, replace
 from pathlib import Path
 from typing import Any
 from zipfile import ZIP_STORED, ZipFile
@@ -12,7 +13,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from skfmap._validation import check_place
-from skfmap.shapes import ProbedShape, SpectralShape
+from skfmap.shapes import Correspondence, Mesh, ProbedShape, SpectralShape
 
 __all__ = ["TRUSTED_TYPES", "load_model", "save_model"]
 
@@ -49,6 +50,10 @@ _PLAIN_LOADERS = {
     *("CachedNode", "ConstructorFromReduceNode", "DTypeNode", "DictNode", "JsonNode", "ListNode", "NdArrayNode"),
     *("ObjectNode", "SparseMatrixNode", "TupleNode", "TypeNode"),
 }
+# Types that are made in one way only: by their own constructor, which checks what it is given.
+_LOADERS_OF = {"skfmap.shapes.Mesh": {"CachedNode", "ConstructorFromReduceNode"}}
+# Arrays of objects are names of probe functions.
+_TEXT_LOADERS = {"CachedNode", "JsonNode", "ListNode", "TupleNode", "TypeNode"}
 
 
 def save_model(model: Any, path: str | Path) -> None:
@@ -160,20 +165,34 @@ def load_model(path: str | Path, *, trusted: Sequence[str] = (), memory: Any = N
 def _schema(content: bytes) -> Any:
     """Return the tree of what a file holds, before anything is made of it."""
     with ZipFile(io.BytesIO(content)) as archive:
-        if any(member.compress_type != ZIP_STORED for member in archive.infolist()):
+        members = archive.infolist()
+        if any(member.compress_type != ZIP_STORED for member in members):
             raise ValueError("it is compressed, as save_model never writes it")
-        return json.loads(archive.read("schema.json"))
+        if sum(member.file_size for member in members) > len(content):
+            raise ValueError("it says that it holds more than it does")
+        schema = json.loads(archive.read("schema.json"))
+    files = [str(node["file"]) for node in _nodes(schema) if "file" in node]
+    if len(set(files)) < len(files):
+        raise ValueError("it reads one array several times, as save_model never writes it")
+    return schema
 
 
 def _strange_types(schema: Any, allowed: set[str], trusted: set[str]) -> set[str]:
     """Return the full names of all types in a file that no model has, or that are made as no part of one is."""
     strange = set()
     for node in _nodes(schema):
-        name = f"{node['__module__']}.{node['__class__']}"
+        name = _full_name(node)
         known = name in _PLAIN_TYPES or name in allowed
-        if not known or not (node["__loader__"] in _PLAIN_LOADERS or name in trusted):
+        usual = node["__loader__"] in _PLAIN_LOADERS and node["__loader__"] in _LOADERS_OF.get(name, _PLAIN_LOADERS)
+        if not known or not (usual or name in trusted):
             strange.add(name)
+        if node["__loader__"] == "NdArrayNode" and node.get("type") != "numpy":
+            strange |= {_full_name(one) for one in _nodes(node["content"]) if one["__loader__"] not in _TEXT_LOADERS}
     return strange
+
+
+def _full_name(node: dict[str, Any]) -> str:
+    return f"{node['__module__']}.{node['__class__']}"
 
 
 def _nodes(schema: Any) -> Iterator[dict[str, Any]]:
@@ -193,7 +212,11 @@ def _parts(item: Any, seen: dict[int, Any]) -> Iterator[Any]:
         return
     seen[id(item)] = item
     yield item
-    inner = item.values() if isinstance(item, dict) else item if isinstance(item, (list, tuple)) else ()
+    inner: Iterable[Any] = item if isinstance(item, (list, tuple, set, frozenset)) else ()
+    if isinstance(item, dict):
+        inner = (*item.keys(), *item.values())
+    elif isinstance(item, np.ndarray) and item.dtype.hasobject:
+        inner = item.ravel().tolist()
     for part in (*inner, *getattr(item, "__dict__", {}).values()):
         yield from _parts(part, seen)
 
@@ -206,8 +229,12 @@ def _set_memory(model: Any, memory: Any) -> None:
 
 def _check_parts(model: Any) -> None:
     """Raise where compiled code would trust what a file says: indices of sparse arrays, sizes that do not agree."""
-    for part in _parts(model, {}):
-        if sp.issparse(part):
+    for part in list(_parts(model, {})):
+        if is_dataclass(part) and not isinstance(part, type):
+            _forget_what_is_derived(part)
+        if isinstance(part, (Correspondence, Mesh)):
+            replace(part)  # is checked as a new one is
+        elif sp.issparse(part):
             part.check_format(full_check=True)
         elif isinstance(part, SpectralShape):
             n, k = part.mesh.n_vertices, len(part.evals)
@@ -216,6 +243,12 @@ def _check_parts(model: Any) -> None:
             _check_sizes(part.stiffness, (n, n), "stiffness")
         elif isinstance(part, ProbedShape):
             _check_sizes(part.probes, (len(part.spectral.evals), len(part.probe_names)), "probes")
+
+
+def _forget_what_is_derived(part: Any) -> None:
+    """Remove from a dataclass what it computes of itself (areas, hashes): a file need not tell."""
+    for name in set(vars(part)) - {field.name for field in fields(part)}:
+        del vars(part)[name]
 
 
 def _check_sizes(array: Any, shape: tuple[int, ...], what: str) -> None:

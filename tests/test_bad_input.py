@@ -513,3 +513,12 @@ def test_wrong_pairs_are_left_out_with_a_warning(make_learner, probed, collectio
     clean = make_learner(weighting=None).fit(probed[:4], collection.truths[:4])
     errors = [learner.pair_errors(probed[5:], collection.truths[5:])[0].mean() for learner in (noisy, clean)]
     assert errors[0] < 1.1 * errors[1]
+
+
+@pytest.mark.parametrize("value", ["1", True, None, 1j])
+def test_objects_that_are_no_numbers_are_no_coordinates(value):
+    vertices = np.array([[0, 0, 0], [1, 0, 0], [0, value, 0]], dtype=object)
+    with pytest.raises(MeshError, match="must hold real numbers"):
+        Mesh(vertices, [[0, 1, 2]])
+    vertices[2, 1] = 1
+    assert Mesh(vertices, [[0, 1, 2]]).vertices.dtype == np.float64

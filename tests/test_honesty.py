@@ -5,11 +5,12 @@ import pytest
 from scipy.spatial import cKDTree
 
 import skfmap.functional.eigenbasis
-from skfmap import Correspondence, SpectralBasis
+from skfmap import Correspondence, Mesh, SpectralBasis
 from skfmap.datasets import make_sphere
-from skfmap.exceptions import DisagreementWarning, MeshError, StabilityWarning
+from skfmap.exceptions import DisagreementWarning, MeshError, SkippedShapeWarning, StabilityWarning
 from skfmap.functional import RowSystems, learn_functional_maps
 from skfmap.learner import _warn_of_instability
+from skfmap.shapes import SkippedShape
 
 
 @pytest.fixture
@@ -120,3 +121,15 @@ def test_weights_at_their_bounds_are_told(fitted):
 def test_a_strength_that_leaves_no_room_for_probes_is_told(probed, collection, make_learner):
     with pytest.warns(StabilityWarning, match="No function maps stably"):
         make_learner(alpha=1e9).fit(probed[:5], collection.truths[:5])
+
+
+def test_eigenfunctions_that_are_not_numbers_are_refused():
+    """Where coordinates have lost all digits, so have angles."""
+    ball = make_sphere(n_subdivisions=3)
+    faces = np.delete(ball.faces, np.random.default_rng(1).integers(0, len(ball.faces), 60), axis=0)
+    mesh = Mesh(ball.vertices + 1e15, faces, "far")
+    with pytest.raises(MeshError, match="mesh 'far'"):
+        SpectralBasis(40).transform([mesh])
+    with pytest.warns(SkippedShapeWarning, match="mesh 'far'"):
+        (shape,) = SpectralBasis(40, on_invalid="skip").transform([mesh])
+    assert isinstance(shape, SkippedShape)

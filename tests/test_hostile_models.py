@@ -155,6 +155,49 @@ def test_a_file_cannot_name_a_cache(fitted, collection, tmp_path, monkeypatch):
     assert (tmp_path / "own").exists()
 
 
+def test_a_step_in_an_array_of_objects_is_refused(fitted, tmp_path):
+    """Arrays of objects hold names of probes; an estimator there would keep the cache that the file names."""
+    model = make_pipeline(skfmap.SpectralBasis(30, memory=str(tmp_path / "cache")), fitted)
+    step = np.empty(2, dtype=object)
+    step[:] = list(model.steps[0])
+    model.steps = [step, model.steps[1]]
+    skops_io.dump(model, tmp_path / "model.skops")
+    with pytest.raises(TypeError, match=r"no part of a model of skfmap.*skfmap.basis.SpectralBasis"):
+        load_model(tmp_path / "model.skops")
+
+
+def test_a_mesh_is_made_by_its_constructor_alone(saved, tmp_path):
+    """One that is put together from a state would not be checked, and could bring a hash of its own."""
+    members = _members(saved)
+    schema = json.loads(members["schema.json"])
+    spectral = schema["content"]["content"]["reference_"]["content"]["content"]["spectral"]["content"]["content"]
+    spectral["mesh"] |= {"__loader__": "ObjectNode"}
+    members["schema.json"] = json.dumps(schema).encode()
+    with pytest.raises(TypeError, match=r"no part of a model of skfmap: skfmap.shapes.Mesh\."):
+        load_model(_write(tmp_path / "model.skops", members))
+
+
+def test_what_a_shape_computes_of_itself_is_not_read(fitted, tmp_path):
+    reference = fitted.reference_
+    vars(reference.spectral)["vertices"] = np.zeros((3, 3))
+    try:
+        skops_io.dump(fitted, tmp_path / "model.skops")
+    finally:
+        del vars(reference.spectral)["vertices"]
+    loaded = load_model(tmp_path / "model.skops").reference_.spectral
+    np.testing.assert_array_equal(loaded.vertices, reference.spectral.vertices)
+
+
+def test_one_array_that_is_read_many_times_cannot_fill_the_memory(saved, tmp_path):
+    members = _members(saved)
+    name = next(name for name in members if name.endswith(".npy"))
+    node = {"__class__": "ndarray", "__module__": "numpy", "__loader__": "NdArrayNode", "type": "numpy", "file": name}
+    schema = {"__class__": "list", "__module__": "builtins", "__loader__": "ListNode", "content": [node, node]}
+    members["schema.json"] = json.dumps(json.loads(members["schema.json"]) | schema).encode()
+    with pytest.raises(ValueError, match="it reads one array several times, as save_model never writes it"):
+        load_model(_write(tmp_path / "model.skops", members))
+
+
 @pytest.mark.parametrize("kind", [str, joblib.Memory, lambda folder: folder])
 def test_a_model_with_a_cache_is_saved_without_it(tmp_path, kind):
     basis = skfmap.SpectralBasis(30, memory=kind(tmp_path / "cache"))

@@ -352,3 +352,25 @@ def test_the_import_brings_in_neither_trimesh_nor_matplotlib():
     code = "import sys, skfmap; print([name for name in ('trimesh', 'matplotlib') if name in sys.modules])"
     found = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert found.stdout.strip() == "[]"
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "v 0 0 0\r\nv 1 0 0\r\nv 0 1 0\r\nf 1 2 \\\r\n3\r\n",
+        "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 \\\n3\n",
+        "\ufeffv 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n",
+    ],
+    ids=["continued, Windows", "continued", "byte order mark"],
+)
+def test_obj_files_of_editors_are_read_whole(tmp_path, text):
+    (tmp_path / "a.obj").write_bytes(text.encode())
+    mesh = read_mesh(tmp_path / "a.obj")
+    np.testing.assert_array_equal(mesh.vertices, [[0, 0, 0], [1, 0, 0], [0, 1, 0]])
+    np.testing.assert_array_equal(mesh.faces, [[0, 1, 2]])
+
+
+def test_minus_zero_is_no_vertex(tmp_path):
+    (tmp_path / "a.obj").write_text("v 0 0 0\nv 1 0 0\nf 1 2 -0\nv 0 1 0\n")
+    with pytest.raises(MeshError, match="vertex 0"):
+        read_mesh(tmp_path / "a.obj")

@@ -108,16 +108,17 @@ def load_collection(
         correspondences = [(found[i] if i in sound else None) or _NONE for i in range(len(meshes))]
         counts = [len(correspondences[i].pairs) for i in sound]
         n_symmetric = sum(truth.has_symmetric for truth in correspondences)
-        how = f"{_range(counts)} pairs per mesh read beside them, symmetric answers for {n_symmetric} of {len(meshes)}"
+        how = f"{_range(counts)} pairs per mesh read beside them, symmetric answers for {n_symmetric} of {len(sound)}"
     else:
         by_number = (Correspondence.from_vertices(np.arange(mesh.n_vertices)) for mesh in meshes)
         correspondences = [truth if i in sound else _NONE for i, truth in enumerate(by_number)]
         how = "vertices correspond by number"
+    out = f" ({len(meshes) - len(sound)} left out)" if len(sound) < len(meshes) else ""
     return Bunch(
         meshes=meshes,
         correspondences=correspondences,
         names=names,
-        DESCR=f"{len(meshes)} meshes of {folder}, reference {names[0]!r}; {how}.",
+        DESCR=f"{len(meshes)} meshes of {folder}{out}, reference {names[0]!r}; {how}.",
     )
 
 
@@ -267,7 +268,11 @@ def _read_integers(path: Path) -> IntArray:
         file = io.BytesIO(content)
         values = np.load(file, allow_pickle=False) if path.suffix == ".npy" else np.loadtxt(file)
     except Exception as error:
-        raise CorrespondenceError(f"{path} cannot be read as numbers: {type(error).__name__}: {error}.") from error
+        said = str(error).rstrip(".")
+        raise CorrespondenceError(
+            f"{path} cannot be read as numbers, which stand between blanks, without a head line: "
+            f"{type(error).__name__}: {said}."
+        ) from error
     if not isinstance(values, np.ndarray):
         raise CorrespondenceError(f"{path} holds an archive of arrays (.npz); save the one array that is meant.")
     if values.size == 0:
