@@ -371,6 +371,6 @@ def test_obj_files_of_editors_are_read_whole(tmp_path, text):
 
 
 def test_minus_zero_is_no_vertex(tmp_path):
-    (tmp_path / "a.obj").write_text("v 0 0 0\nv 1 0 0\nf 1 2 -0\nv 0 1 0\n")
+    (tmp_path / "a.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\nf 1 2 -0\n")
     with pytest.raises(MeshError, match="vertex 0"):
         read_mesh(tmp_path / "a.obj")
