@@ -1,5 +1,6 @@
 """Configuration of the documentation."""
 
+import functools
 import importlib.metadata
 import os
 import sys
@@ -11,6 +12,25 @@ for _name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
     os.environ.setdefault(_name, "1")
 os.environ.setdefault("MPLBACKEND", "agg")
 warnings.filterwarnings("ignore", message=".*non-interactive.*")
+
+import skfmap.datasets  # noqa: E402
+
+
+def _made_once(make):
+    """Return the function with what it made kept: most scripts of the gallery show the same creatures."""
+    made = {}
+
+    @functools.wraps(make)
+    def make_or_look_up(*args, **parameters):
+        key = repr((args, sorted(parameters.items())))
+        if key not in made:
+            made[key] = make(*args, **parameters)
+        return made[key]
+
+    return make_or_look_up
+
+
+skfmap.datasets.make_creatures = _made_once(skfmap.datasets.make_creatures)
 
 project = "skfmap"
 author = "the skfmap developers"

@@ -1,11 +1,13 @@
 """The folders that the pages speak of, so that every code block of theirs runs as it is written."""
 
+import os
 import shutil
 import warnings
 
 import numpy as np
 import pytest
 import trimesh
+from filelock import FileLock
 from matplotlib import pyplot as plt
 from threadpoolctl import threadpool_limits
 
@@ -26,8 +28,21 @@ def _one_thread():
 
 @pytest.fixture(scope="session")
 def _folders(tmp_path_factory):
+    """Return the folder of all pages, which the workers of pytest-xdist share: the first one fills it."""
+    together = tmp_path_factory.getbasetemp()
+    if "PYTEST_XDIST_WORKER" in os.environ:
+        together = together.parent
+    place = together / "pages"
+    with FileLock(together / "pages.lock"):
+        if not place.exists():
+            unfinished = tmp_path_factory.mktemp("pages")
+            _write_creatures(unfinished)
+            unfinished.rename(place)
+    return place
+
+
+def _write_creatures(place):
     """Write six creatures: five in meshes/ with files of their correspondences, one in new/ with none."""
-    place = tmp_path_factory.mktemp("pages")
     (place / "meshes").mkdir()
     (place / "new").mkdir()
     creatures = make_creatures(n_shapes=6, n_vertices=600, n_points=400)
@@ -39,7 +54,6 @@ def _folders(tmp_path_factory):
     write_mesh(creatures.meshes[5], place / "new" / "scan.ply")
     finer = trimesh.remesh.subdivide(creatures.meshes[5].vertices, creatures.meshes[5].faces)
     write_mesh(Mesh(*finer), place / "new" / "scan-full.ply")
-    return place
 
 
 @pytest.fixture(autouse=True)

@@ -177,7 +177,7 @@ class WeightedFunctionalMapLearner(CallbackSupportMixin, Versioned, BaseEstimato
     >>> from sklearn.pipeline import make_pipeline
     >>> import skfmap
     >>> from skfmap.datasets import make_creatures
-    >>> creatures = make_creatures(n_shapes=4, n_vertices=1000)
+    >>> creatures = make_creatures(n_shapes=4, n_vertices=500)
     >>> model = make_pipeline(
     ...     skfmap.SpectralBasis(n_components=30),
     ...     skfmap.DescriptorTransformer(),
