@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from skfmap import DescriptorTransformer, Mesh, SpectralBasis
+from skfmap import DescriptorTransformer, Mesh, SpectralBasis, repair_mesh
 from skfmap._medoid import medoid_index
 from skfmap._ties import first_of_largest, first_of_least, is_constant
 from skfmap.datasets import make_sphere
@@ -80,3 +80,12 @@ def test_oriented_products_of_a_body_without_left_and_right_are_nil(ellipsoid):
     oriented = np.array([category.startswith("oriented") for category in shape.probe_categories])
     assert (shape.probes[:10, oriented] == 0).all()
     assert (shape.probes[:10, ~oriented] != 0).any(axis=0).all()
+
+
+def test_of_pieces_of_equal_size_the_first_is_kept():
+    ball = make_sphere(n_subdivisions=2)
+    faces = np.concatenate([ball.faces, ball.faces + ball.n_vertices])
+    for shift in (0.1, 0.3, 3.3, 7.7):
+        pair = np.concatenate([ball.vertices + shift, ball.vertices + 3 * shift + 2])
+        mended = repair_mesh(Mesh(pair, faces)).mesh
+        np.testing.assert_array_equal(mended.vertices, pair[: ball.n_vertices])
