@@ -1,5 +1,6 @@
 """A verdict is good only where its figures are, and never by accident."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -7,7 +8,7 @@ import pytest
 
 from skfmap.metrics import PairErrors
 from skfmap.plotting import ReliabilityDisplay
-from skfmap.report import Evaluation
+from skfmap.report import Evaluation, write_report
 from skfmap.report._verdict import expected_and_true, findings_of_evaluation, trusted_part
 
 N = 400
@@ -175,3 +176,13 @@ def test_vertices_without_a_value_are_not_drawn():
     np.testing.assert_allclose(drawn.line_.get_xydata(), kept.line_.get_xydata())
     with pytest.raises(ValueError, match="known at 0 vertices only; 10 are needed"):
         ReliabilityDisplay.from_predictions(np.full(N, np.nan), expected)
+
+
+@pytest.mark.parametrize(("level", "words"), [(0.05, "the same everywhere"), (np.nan, "expects no errors")])
+def test_a_page_is_written_where_expected_errors_say_nothing(level, words, fitted, probed, collection, tmp_path):
+    errors = fitted.pair_errors(probed[1:3], collection.truths[1:3])
+    matches = [replace(one, expected_error=np.full(len(one.p2p), level)) for one in fitted.match(probed[1:3])]
+    evaluation = Evaluation([shape.spectral.mesh for shape in probed[1:3]], matches, errors, [])
+    text = write_report(fitted, tmp_path / "r.html", evaluation=evaluation, n_worst=1).read_text(encoding="utf-8")
+    assert words in text
+    assert ">nan<" not in text
