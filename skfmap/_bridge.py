@@ -9,6 +9,7 @@ import scipy.sparse as sp
 
 from skfmap._caching import cached, hash_of_arrays
 from skfmap._matching import Matcher
+from skfmap._ties import first_of_least
 from skfmap._training import Training
 from skfmap._typing import FloatArray, IntArray
 from skfmap.functional.ground_truth import map_from_pairs
@@ -53,7 +54,7 @@ def choose_bridge(training: Training, truths: Sequence[Correspondence], k: int) 
         return None
     places = [int(place) for place in used]
     left = [np.sum([_what_is_left(training, truths, i, j, k) for i in places if i != j]) for j in places]
-    return places[int(np.argmin(left))]
+    return places[first_of_least(np.array(left))]
 
 
 def _what_is_left(training: Training, truths: Sequence[Correspondence], i: int, j: int, k: int) -> float:

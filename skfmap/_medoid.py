@@ -5,6 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from skfmap._parallel import map_shapes
+from skfmap._ties import first_of_least
 from skfmap._typing import FloatArray, IntArray
 from skfmap.exceptions import CorrespondenceError
 from skfmap.geometry.geodesics import farthest_vertices, heat_distances
@@ -31,8 +32,8 @@ def medoid_index(shapes: Sequence[ProbedShape], truths: Sequence[Correspondence]
     arguments = ((shape, at[columns]) for shape, at in zip(shapes, vertices, strict=True))
     tables = np.stack(map_shapes(_landmark_distances, arguments, n_jobs=n_jobs, verbose=0))
     scale = np.maximum(tables.mean(axis=0), 1e-12)
-    cost = [(np.abs(tables - table) / scale).mean() for table in tables]
-    return int(np.argmin(cost))
+    cost = np.array([(np.abs(tables - table) / scale).mean() for table in tables])
+    return first_of_least(cost)  # the costs of two shapes are always equal
 
 
 def _vertices_at(truth: Correspondence, points: IntArray) -> IntArray:

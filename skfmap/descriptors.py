@@ -294,9 +294,10 @@ class OrientedProducts(ProbeFamily):
         first, second = np.array(list(combinations(range(self.n_sources), 2))).T
         integrals = integrated_oriented_products(sources[:, first], sources[:, second], shape.mesh.faces)
         coefficients = shape.evecs.T @ integrals
-        # On a surface of revolution all gradients are parallel: what is left is rounding, and must not be normalised.
+        # On a surface of revolution all gradients are parallel, and on one with two mirror planes no low function tells
+        # left from right: what is left is rounding, and must not be normalised.
         steepness = np.sqrt((sources * (shape.stiffness @ sources)).sum(axis=0))
-        noise = np.linalg.norm(coefficients, axis=0) <= 1e-8 * steepness[first] * steepness[second]
+        noise = np.abs(coefficients) <= 1e-8 * steepness[first] * steepness[second]
         return np.asarray(np.where(noise, 0.0, coefficients))
 
     def _energies(self) -> FloatArray:

@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from skfmap._ties import first_of_largest
 from skfmap._typing import FloatArray, IntArray
 from skfmap._validation import LARGEST_AREA, LARGEST_COORDINATE, SMALLEST_AREA, as_array, as_reals, has_place, label
 from skfmap.exceptions import MeshError
@@ -450,7 +451,8 @@ def _keep_largest(vertices: FloatArray, faces: IntArray, target: IntArray) -> _S
     numbers, inverse = np.unique(piece, return_inverse=True)
     if len(numbers) == 1:
         return faces, target, []
-    largest = np.bincount(inverse, areas).argmax()
+    sizes = np.asarray(np.bincount(inverse, areas), dtype=np.float64)
+    largest = first_of_largest(sizes)  # of a pair of equal size, the one that comes first
     kept = inverse == largest
     told = (
         f"kept the largest of {len(numbers)} components, {areas[kept].sum() / max(areas.sum(), 1e-300):.1%} of the area"

@@ -278,6 +278,7 @@ def test_the_command_line_says_what_is_wrong_before_it_computes(tmp_path, capsys
 
 @pytest.mark.filterwarnings("ignore::skfmap.exceptions.DisagreementWarning")
 @pytest.mark.filterwarnings("ignore::skfmap.exceptions.UnfamiliarShapeWarning")
+@pytest.mark.filterwarnings("ignore::skfmap.exceptions.StabilityWarning")
 def test_the_command_line_takes_small_meshes(tmp_path, capsys):
     folder = tmp_path / "balls"
     folder.mkdir()

@@ -5,6 +5,7 @@ import scipy.linalg
 import scipy.sparse as sp
 from scipy.sparse.linalg import splu
 
+from skfmap._ties import ROUNDING, first_of_largest
 from skfmap._typing import FloatArray, SparseMatrix
 
 __all__ = ["fix_signs", "laplacian_eigenbasis"]
@@ -130,10 +131,11 @@ def _rayleigh_ritz(A: SparseMatrix, vectors: FloatArray) -> tuple[FloatArray, Fl
 def fix_signs(evecs: FloatArray, mass: FloatArray) -> FloatArray:
     """Flip functions so that the integral of their cube is positive, which no renumbering of vertices changes.
 
-    Where that integral is nil to rounding (antisymmetric functions), the entry of largest magnitude is made positive.
+    Where that integral is nil to rounding (antisymmetric functions), the entry of largest magnitude is made positive;
+    of entries that are as large but for rounding, as mirrored ones are, the first.
     """
     cubes = evecs * evecs * evecs
     skewness, size = mass @ cubes, mass @ np.abs(cubes)
-    largest = np.take_along_axis(evecs, np.argmax(np.abs(evecs), axis=0)[None], axis=0)[0]
+    largest = np.array([column[first_of_largest(np.abs(column), ROUNDING)] for column in evecs.T])
     deciding = np.where(np.abs(skewness) > 1e-6 * size, skewness, largest)
     return np.asarray(np.where(deciding < 0, -evecs, evecs))

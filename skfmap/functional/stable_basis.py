@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from skfmap._ties import ROUNDING, first_of_largest
 from skfmap._typing import FloatArray
 
 __all__ = ["basis_error", "stable_basis"]
@@ -30,7 +31,7 @@ def stable_basis(differences: FloatArray, sample_weight: FloatArray | None = Non
     stacked = (np.sqrt(share)[:, None, None] * differences).reshape(-1, differences.shape[2])
     _, singular_values, vectors = np.linalg.svd(stacked, full_matrices=False)
     Y = vectors[::-1].T
-    largest = np.take_along_axis(Y, np.argmax(np.abs(Y), axis=0)[None], axis=0)
+    largest = np.array([column[first_of_largest(np.abs(column), ROUNDING)] for column in Y.T])
     return np.where(largest < 0, -Y, Y), np.asarray(singular_values[::-1])
 
 

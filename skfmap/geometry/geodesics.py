@@ -8,6 +8,7 @@ import potpourri3d as pp3d
 import scipy.sparse as sp
 from scipy.sparse.csgraph import dijkstra
 
+from skfmap._ties import first_of_largest
 from skfmap._typing import FloatArray, IntArray, SparseMatrix
 from skfmap.geometry.faults import edges_of
 
@@ -95,6 +96,8 @@ def farthest_vertices(
 ) -> tuple[IntArray, FloatArray]:
     """Choose well-spread vertices: each is the candidate farthest along edges from those before; the first is given.
 
+    Of candidates that are as far but for rounding, the first is chosen.
+
     Returns
     -------
     chosen : ndarray of int, shape (n,)
@@ -107,7 +110,7 @@ def farthest_vertices(
     distances = [dijkstra(graph, directed=False, indices=chosen[0])]
     nearest = distances[0][candidates]
     while len(chosen) < min(n_chosen, len(candidates)):
-        chosen.append(int(candidates[np.argmax(nearest)]))
+        chosen.append(int(candidates[first_of_largest(nearest)]))
         distances.append(dijkstra(graph, directed=False, indices=chosen[-1]))
         nearest = np.minimum(nearest, distances[-1][candidates])
     return np.array(chosen, dtype=np.int64), np.stack(distances)

@@ -5,6 +5,7 @@ from typing import Any
 
 import numpy as np
 
+from skfmap._ties import ROUNDING, first_of_largest
 from skfmap._typing import FloatArray
 from skfmap._validation import as_reals
 from skfmap.shapes import Mesh
@@ -90,7 +91,8 @@ def colours_of_position(mesh: Mesh) -> FloatArray:
     """
     centred = mesh.vertices - mesh.vertices.mean(axis=0)
     _, axes = np.linalg.eigh(centred.T @ centred)
-    axes = axes * np.where(axes[np.abs(axes).argmax(axis=0), [0, 1, 2]] < 0, -1, 1)
+    largest = np.array([axis[first_of_largest(np.abs(axis), ROUNDING)] for axis in axes.T])
+    axes = axes * np.where(largest < 0, -1, 1)
     along = centred @ axes
     short, middle, long = (2 * (along - along.min(axis=0)) / np.maximum(np.ptp(along, axis=0), 1e-300) - 1).T
     return _srgb_of_oklab(0.68 + 0.07 * middle + 0.09 * short, 0.13 * short, 0.13 * long)

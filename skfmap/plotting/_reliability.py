@@ -5,12 +5,16 @@ from typing import Any, Self
 
 import numpy as np
 
+from skfmap._ties import is_constant
 from skfmap._typing import FloatArray
 from skfmap._unwrap import learner_and_shapes
 from skfmap._validation import check_number
 from skfmap.plotting._axes import axes_or_new, finish
 
 __all__ = ["ReliabilityDisplay"]
+
+# Of the axes, where all errors are nil.
+_NARROWEST = 1e-3
 
 
 class ReliabilityDisplay:
@@ -19,7 +23,8 @@ class ReliabilityDisplay:
     Parameters
     ----------
     expected, errors : array-like of shape (n,)
-        Expected and true errors of vertices of shapes that the model has not seen.
+        Expected and true errors of vertices of shapes that the model has not seen. Vertices that lack either (NaN) are
+        left out.
     name : str, optional
         What the curve is called in the legend.
 
@@ -120,7 +125,7 @@ class ReliabilityDisplay:
         name : str, optional
             In the legend.
         n_bins : int, default=10
-            Bins of equally many vertices, by expected error.
+            Bins of equally many vertices, by expected error; a single one if all expect the same.
         **kwargs : dict
             Of the line.
 
@@ -132,7 +137,7 @@ class ReliabilityDisplay:
         Raises
         ------
         ValueError
-            If expected and true errors have unequal lengths or fewer entries than bins.
+            If expected and true errors have unequal lengths or fewer known entries than bins.
         """
         check_number(n_bins, "n_bins", low=1, integer=True)
         x, y = (np.asarray(values, dtype=np.float64) for values in (self.expected, self.errors))
@@ -140,12 +145,16 @@ class ReliabilityDisplay:
             raise ValueError(
                 f"expected and errors must be 1-D, equally long, and {n_bins} at least; got {x.shape}, {y.shape}."
             )
+        known = np.isfinite(x) & np.isfinite(y)
+        if known.sum() < n_bins:
+            raise ValueError(f"expected and errors are both known at {known.sum()} vertices only; {n_bins} are needed.")
+        x, y = x[known], y[known]
         ax = axes_or_new(ax)
         fresh = not ax.lines
         middle, mean, low, high = _binned(x, y, n_bins)
         (self.line_,) = ax.plot(middle, mean, label=name or self.name, **({"marker": "o", "markersize": 4} | kwargs))
         ax.fill_between(middle, low, high, alpha=0.18, color=self.line_.get_color(), linewidth=0)
-        limit = max(1.05 * float(max(middle.max(), high.max())), 0.0 if fresh else ax.get_xlim()[1])
+        limit = max(1.05 * float(max(middle.max(), high.max())), _NARROWEST if fresh else ax.get_xlim()[1])
         if fresh:
             ax.axline((0, 0), slope=1, linestyle="--", color="0.5", linewidth=1, label="as expected")
         finish(
@@ -161,7 +170,7 @@ class ReliabilityDisplay:
 
 def _binned(x: FloatArray, y: FloatArray, n_bins: int) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
     """Return mean expected and true errors of equal bins, and the quartiles of the true ones."""
-    parts = np.array_split(np.argsort(x, kind="stable"), n_bins)
+    parts = np.array_split(np.argsort(x, kind="stable"), 1 if is_constant(x) else n_bins)
     middle, mean = (np.array([values[part].mean() for part in parts]) for values in (x, y))
     low, high = (np.array([np.quantile(y[part], q) for part in parts]) for q in (0.25, 0.75))
     return middle, mean, low, high

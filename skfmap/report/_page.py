@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import sklearn
 
+from skfmap._typing import FloatArray
 from skfmap._unwrap import fitted_learner
 from skfmap._validation import check_number, check_place
 from skfmap._version import __version__
@@ -23,7 +24,7 @@ from skfmap.plotting import (
 )
 from skfmap.report._evaluation import Evaluation, evaluate
 from skfmap.report._html import details, findings, page, paragraph, picture, section, table
-from skfmap.report._verdict import expected_and_true, findings_of_evaluation, findings_of_model
+from skfmap.report._verdict import expected_and_true, findings_of_evaluation, findings_of_model, trusted_part
 
 __all__ = ["write_report"]
 
@@ -172,8 +173,11 @@ def _errors(evaluation: Evaluation) -> str:
     if evaluation.naive_errors:
         ErrorCurveDisplay.from_predictions(evaluation.naive_errors, ax=left, name="no weights (D = I)", linestyle="--")
     expected, true = expected_and_true(evaluation)
-    n_bins = min(10, len(true))
-    ReliabilityDisplay.from_predictions(expected, true, ax=right, n_bins=n_bins, name="mean of a tenth of the points")
+    if len(expected):
+        name = "mean of a tenth of the points"
+        ReliabilityDisplay.from_predictions(expected, true, ax=right, n_bins=min(10, len(true)), name=name)
+    else:
+        right.set_axis_off()
     header = ["shape left out", *(_KINDS[kind] for kind in kinds), "expected", "half most trusted"]
     rows = [
         [
@@ -196,8 +200,10 @@ def _errors(evaluation: Evaluation) -> str:
     )
 
 
-def _trusted_half(expected: Any, errors: PairErrors) -> float:
-    trusted = expected <= np.median(expected)
+def _trusted_half(expected: FloatArray, errors: PairErrors) -> float:
+    trusted = trusted_part(expected)
+    if not errors.weights[trusted].any():
+        return float("nan")
     return float(np.average(errors.direct[trusted], weights=errors.weights[trusted]))
 
 
@@ -297,4 +303,4 @@ def _settings(learner: Any) -> str:
 
 
 def _percent(error: float) -> str:
-    return f"{100 * error:.1f}"
+    return f"{100 * error:.1f}" if np.isfinite(error) else "unknown"
