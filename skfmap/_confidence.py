@@ -225,7 +225,7 @@ def fit_error_model(
     signs = np.concatenate(columns)
     errors, weights = (np.concatenate([o[j] for o in observations]) for j in (1, 2))
     mean, scale = signs.mean(axis=0), signs.std(axis=0)
-    scale = np.where(scale > 0, scale, 1.0)
+    scale = np.where(scale > 1e-9 * np.abs(mean), scale, 1.0)  # what does not differ but for rounding says nothing
     regression = GammaRegressor(alpha=1e-2, max_iter=1000)
     coefficients = regression.fit((signs - mean) / scale, errors + _TINY, sample_weight=weights).coef_
     rank = ((signs - mean) / scale) @ coefficients

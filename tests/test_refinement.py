@@ -121,7 +121,7 @@ def test_the_nearest_point_of_a_triangle_is_nearer_than_others(seed, d):
     barycentric, squared = nearest_on_triangles(point, corners)
     assert barycentric.min() >= 0
     np.testing.assert_allclose(barycentric.sum(), 1)
-    np.testing.assert_allclose(np.square(barycentric[0] @ corners[0] - point[0]).sum(), squared[0])
+    np.testing.assert_allclose(np.square(barycentric[0] @ corners[0] - point[0]).sum(), squared[0], atol=1e-14)
     others = rng.dirichlet(np.full(3, 0.5), 200) @ corners[0]
     assert squared[0] <= np.square(others - point[0]).sum(axis=1).min() + 1e-12
 

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from skfmap import DescriptorTransformer, Mesh, SpectralBasis, repair_mesh
+from skfmap._matching import _nearest as nearest_of
 from skfmap._medoid import medoid_index
 from skfmap._ties import first_of_largest, first_of_least, is_constant
 from skfmap.datasets import make_sphere
@@ -89,3 +90,19 @@ def test_of_pieces_of_equal_size_the_first_is_kept():
         pair = np.concatenate([ball.vertices + shift, ball.vertices + 3 * shift + 2])
         mended = repair_mesh(Mesh(pair, faces)).mesh
         np.testing.assert_array_equal(mended.vertices, pair[: ball.n_vertices])
+
+
+def test_of_targets_that_are_equally_near_the_first_is_matched():
+    """Points in the middle between two targets, and copies of a target, whatever the last bits say."""
+    rng = np.random.default_rng(0)
+    targets = rng.standard_normal((40, 12))
+    targets = np.concatenate([targets, targets])
+    points = np.concatenate([targets[:40], (targets[:20] + targets[20:40]) / 2])
+    for noisy in _noisy(targets, 1e-14):
+        nearest = nearest_of(points, noisy)
+        np.testing.assert_array_equal(nearest[:40], np.arange(40))
+        assert nearest.max() < 40
+    plain = rng.standard_normal((50, 12))
+    squared = np.square(plain[:, None] - targets[None, :40]).sum(axis=2)
+    np.testing.assert_array_equal(nearest_of(plain, targets[:40]), squared.argmin(axis=1))
+    np.testing.assert_array_equal(nearest_of(plain, targets[:1]), 0)
