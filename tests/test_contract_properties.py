@@ -24,8 +24,8 @@ from skfmap.shapes import SkippedShape
 # The same cases in every run; SKFMAP_EXAMPLES=20 for twenty times as many, others each time.
 _MORE = int(os.environ.get("SKFMAP_EXAMPLES", "1"))
 _FIXTURES = [HealthCheck.function_scoped_fixture]
-cases = settings(deadline=None, derandomize=_MORE == 1, max_examples=100 * _MORE, suppress_health_check=_FIXTURES)
-few_cases = settings(deadline=None, derandomize=_MORE == 1, max_examples=25 * _MORE, suppress_health_check=_FIXTURES)
+cases = settings(max_examples=100 * _MORE, suppress_health_check=_FIXTURES)
+few_cases = settings(max_examples=25 * _MORE, suppress_health_check=_FIXTURES)
 
 generators = st.integers(0, 2**32 - 1).map(np.random.default_rng)
 
@@ -311,7 +311,7 @@ def alone(model, collection):
 
 
 @given(st.permutations(range(1, 5)))
-@settings(deadline=None, derandomize=_MORE == 1, max_examples=3 * _MORE, suppress_health_check=_FIXTURES)
+@settings(max_examples=3 * _MORE, suppress_health_check=_FIXTURES)
 def test_training_shapes_behind_the_reference_come_in_any_order(make_learner, fitted, probed, collection, order):
     """Sums over shapes are rounded in another order, and the search goes another way at the last digits."""
     order = [0, *order]

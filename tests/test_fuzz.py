@@ -93,13 +93,13 @@ def _read(path, content):
     """Read a file, hold time and memory to account, and return the mesh or the error."""
     path.write_bytes(content)
     tracemalloc.start()
-    started = time.perf_counter()
+    started = time.process_time()  # of this process, whatever else the machine does
     try:
         return read_mesh(path)
     except MeshError as error:
         return error
     finally:
-        seconds, peak = time.perf_counter() - started, tracemalloc.get_traced_memory()[1]
+        seconds, peak = time.process_time() - started, tracemalloc.get_traced_memory()[1]
         tracemalloc.stop()
         assert seconds < 5  # a second on a quiet machine
         assert peak < 100 * len(content) + 3e7
@@ -170,7 +170,7 @@ def _seed_files():
             yield kind.removesuffix("_ascii"), content if isinstance(content, bytes) else content.encode()
 
 
-# SKFMAP_FUZZ=10000 for more.
+# SKFMAP_FUZZ=3000 for fifty times as many.
 _N_MUTATIONS = int(os.environ.get("SKFMAP_FUZZ", "60"))
 
 
@@ -226,7 +226,7 @@ HOSTILE_TRUTHS = {
 def _read_truth(folder, name, content):
     folder.mkdir(exist_ok=True, parents=True)
     (folder / name).write_bytes(content)
-    start = time.perf_counter()
+    started = time.process_time()
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("error")
@@ -234,7 +234,7 @@ def _read_truth(folder, name, content):
     except CorrespondenceError as error:
         outcome = error
     assert isinstance(outcome, Correspondence) or name in str(outcome)
-    assert time.perf_counter() - start < 1
+    assert time.process_time() - started < 5
     return outcome
 
 
