@@ -1,7 +1,9 @@
 """A small collection of bumpy bodies with known correspondences, in closed form."""
 
+import os
 from types import SimpleNamespace
 
+import hypothesis
 import numpy as np
 import pytest
 from scipy.spatial import ConvexHull, cKDTree
@@ -10,6 +12,10 @@ from sklearn.pipeline import Pipeline
 from threadpoolctl import threadpool_limits
 
 from skfmap import Correspondence, DescriptorTransformer, Mesh, SpectralBasis, WeightedFunctionalMapLearner
+
+# The same random cases in every run, on every machine; others each time in a longer campaign.
+hypothesis.settings.register_profile("skfmap", derandomize=os.environ.get("SKFMAP_EXAMPLES", "1") == "1", deadline=None)
+hypothesis.settings.load_profile("skfmap")
 
 _CENTRES = np.array([[1, 0.2, 0.1], [-1, 0.5, 0.2], [0.1, 1, -0.3], [0.3, -0.6, 1], [-0.4, -0.6, -0.8]])
 _HEIGHTS = np.array([1.2, 0.8, 0.6, 1.0, 0.5])
@@ -64,7 +70,9 @@ def _probed(meshes, families=None):
 @pytest.fixture(scope="session", autouse=True)
 def _one_thread():
     """Keep OpenMP from waiting for cores that other processes hold: fifty times as slow on shapes of this size."""
-    with threadpool_limits(limits=1):
+    with threadpool_limits(limits=1), pytest.MonkeyPatch.context() as patch:
+        for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):  # of the processes that tests start
+            patch.setenv(variable, "1")
         yield
 
 

@@ -6,7 +6,9 @@ What happens to a mesh with a fault is written in one row: with the cotangent La
 """
 
 import warnings
+from functools import cache
 
+import joblib
 import numpy as np
 import pytest
 from scipy.spatial import cKDTree
@@ -179,28 +181,66 @@ def _broken(collection, fault, place):
         return fault(body.vertices.copy(), body.faces.copy())
 
 
-def _outcome(collection, fault, place, memory, laplacian="cotangent", on_invalid="raise"):
-    """Run everything with a broken mesh in one place; return what happened, the message, and the matches."""
-    meshes, truths = list(collection.meshes), list(collection.truths)
-    meshes[place] = _broken(collection, fault, place)
-    if fault in (unreferenced_vertex, seam, touching_point):  # these have numbers of their own
-        truths[place] = _at_the_same_places(truths[place], collection.meshes[place].vertices, meshes[place][0])
-    families = "paper" if fault in (fin, face_twice) else None
-    model = make_pipeline(
-        SpectralBasis(20, laplacian=laplacian, on_invalid=on_invalid, memory=memory),
-        DescriptorTransformer(families, memory=memory),
-        WeightedFunctionalMapLearner(n_functions=8, weighting="category", tol=1e-2, memory=memory),
-    )
+@pytest.fixture(scope="module")
+def make(memory):
+    """Return a function that makes an unfitted pipeline of small size, and keeps what it computes."""
+
+    def make_small(families=None, **parameters):
+        return make_pipeline(
+            SpectralBasis(20, memory=memory, **parameters),
+            DescriptorTransformer(families, memory=memory),
+            WeightedFunctionalMapLearner(n_functions=8, weighting="category", tol=1e-2, memory=memory),
+        )
+
+    return make_small
+
+
+@pytest.fixture(scope="module")
+def sound(make, collection):
+    """Return a function that makes a pipeline fitted on sound bodies: one serves all faults of new shapes."""
+
+    @cache
+    def fitted(families, **parameters):
+        return make(families, **parameters).fit(collection.meshes[:5], collection.truths[:5])
+
+    return fitted
+
+
+@pytest.fixture
+def outcome_of(make, sound, collection):
+    """Return a function that runs everything with a broken mesh in one place.
+
+    It returns what happened, the message, and the matches.
+    """
+
+    def run(fault, place, laplacian="cotangent", on_invalid="raise"):
+        meshes, truths = list(collection.meshes), list(collection.truths)
+        meshes[place] = _broken(collection, fault, place)
+        if fault in (unreferenced_vertex, seam, touching_point):  # these have numbers of their own
+            truths[place] = _at_the_same_places(truths[place], collection.meshes[place].vertices, meshes[place][0])
+        families = "paper" if fault in (fin, face_twice) else None
+        how = {"laplacian": laplacian, "on_invalid": on_invalid}
+
+        def learn_and_match():
+            model = sound(families, **how) if place >= 5 else make(families, **how).fit(meshes[:5], truths[:5])
+            return model, skfmap.match(model, meshes[4:])
+
+        return _told(learn_and_match, truths[4:])
+
+    return run
+
+
+def _told(learn_and_match, truths):
+    """Return what happened, the message, and the matches, each of which is right or told to be doubtful."""
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         try:
-            model.fit(meshes[:5], truths[:5])
-            matches = skfmap.match(model, meshes[4:])
+            model, matches = learn_and_match()
         except MeshError as error:
             return REFUSED, str(error), None
     told = [w for w in caught if issubclass(w.category, (OrientationWarning, RepairWarning, SkippedShapeWarning))]
     doubted = [str(w.message) for w in caught if issubclass(w.category, UnfamiliarShapeWarning)]
-    for match, truth in zip(matches, truths[4:], strict=True):
+    for match, truth in zip(matches, truths, strict=True):
         assert _is_right(model[-1], match, truth) or any(repr(match.name) in message for message in doubted)
     return (WARNS if told else WORKS), " ".join(str(w.message) for w in told), matches
 
@@ -228,10 +268,10 @@ def _is_right(learner, match, truth):
 
 @pytest.mark.parametrize("position", POSITIONS)
 @pytest.mark.parametrize("fault", CATALOGUE)
-def test_a_fault_is_refused_by_name_or_works(collection, memory, fault, position):
+def test_a_fault_is_refused_by_name_or_works(outcome_of, fault, position):
     place = POSITIONS[position]
     for laplacian, expected in zip(("cotangent", "robust"), CATALOGUE[fault], strict=False):
-        outcome, message, matches = _outcome(collection, fault, place, memory, laplacian)
+        outcome, message, matches = outcome_of(fault, place, laplacian)
         assert outcome == expected, (laplacian, message)
         if outcome == REFUSED:
             assert CALLED[position] in message
@@ -241,10 +281,10 @@ def test_a_fault_is_refused_by_name_or_works(collection, memory, fault, position
 
 @pytest.mark.parametrize("position", POSITIONS)
 @pytest.mark.parametrize("fault", CATALOGUE)
-def test_a_fault_is_mended_if_it_can_be(collection, memory, fault, position):
+def test_a_fault_is_mended_if_it_can_be(outcome_of, collection, fault, position):
     place, expected = POSITIONS[position], CATALOGUE[fault][2]
     needs_repair = CATALOGUE[fault][0] == REFUSED
-    outcome, message, matches = _outcome(collection, fault, place, memory, on_invalid="repair")
+    outcome, message, matches = outcome_of(fault, place, on_invalid="repair")
     if position == "reference" and (expected == LEFT_OUT or fault in RENUMBERED):
         assert outcome == REFUSED
         assert "cannot be used" in message or "The vertices of the reference" in message
@@ -271,9 +311,9 @@ def test_a_fault_is_mended_if_it_can_be(collection, memory, fault, position):
 
 @pytest.mark.parametrize("position", POSITIONS)
 @pytest.mark.parametrize("fault", [fault for fault, row in CATALOGUE.items() if row[0] == REFUSED])
-def test_a_fault_is_skipped_and_keeps_its_place(collection, memory, fault, position):
+def test_a_fault_is_skipped_and_keeps_its_place(outcome_of, fault, position):
     place = POSITIONS[position]
-    outcome, message, matches = _outcome(collection, fault, place, memory, on_invalid="skip")
+    outcome, message, matches = outcome_of(fault, place, on_invalid="skip")
     if position == "reference":
         assert outcome == REFUSED
         assert "The reference, X[0] ('shape 0'), cannot be used" in message
@@ -311,27 +351,19 @@ def test_the_report_agrees_with_what_happens(collection, fault):
     np.testing.assert_array_equal(repair.mesh.vertices[repair.vertex_map[kept]], before[0][kept])
 
 
-def test_one_broken_shape_does_not_lose_the_others(collection, memory):
+def test_one_broken_shape_does_not_lose_the_others(outcome_of, make, collection):
     """The answers for the others are those of a run without the broken one, bit for bit."""
-    _, _, with_it = _outcome(collection, nan_vertex, 2, memory, on_invalid="skip")
-    sound = [i for i in range(6) if i != 2]
-    model = make_pipeline(
-        SpectralBasis(20, memory=memory),
-        DescriptorTransformer(memory=memory),
-        WeightedFunctionalMapLearner(n_functions=8, weighting="category", tol=1e-2, memory=memory),
-    ).fit([collection.meshes[i] for i in sound[:4]], [collection.truths[i] for i in sound[:4]])
+    _, _, with_it = outcome_of(nan_vertex, 2, on_invalid="skip")
+    sound = [i for i in range(5) if i != 2]
+    model = make().fit([collection.meshes[i] for i in sound], [collection.truths[i] for i in sound])
     for one, other in zip(with_it, skfmap.match(model, collection.meshes[4:]), strict=True):
         np.testing.assert_array_equal(one.p2p, other.p2p)
         np.testing.assert_array_equal(one.expected_error, other.expected_error)
 
 
-def test_predictions_and_scores_of_skipped_shapes_are_not_a_number(collection, memory):
+def test_predictions_and_scores_of_skipped_shapes_are_not_a_number(make, collection):
     meshes = [*collection.meshes[:5], (np.zeros((3, 3)), np.array([[0, 1, 9]]))]
-    model = make_pipeline(
-        SpectralBasis(20, on_invalid="skip", memory=memory),
-        DescriptorTransformer(memory=memory),
-        WeightedFunctionalMapLearner(n_functions=8, weighting="category", tol=1e-2, memory=memory),
-    ).fit(meshes[:4], collection.truths[:4])
+    model = make(on_invalid="skip").fit(meshes[:4], collection.truths[:4])
     with pytest.warns(SkippedShapeWarning, match=r"1 of 2 shapes are left out. X\[1\], shape 'shape 1'"):
         reduced = model.predict(meshes[4:])
     assert np.isfinite(reduced[0]).all()
@@ -348,13 +380,9 @@ def test_predictions_and_scores_of_skipped_shapes_are_not_a_number(collection, m
     assert np.isnan(learner.ground_truth_maps(placed, collection.truths[4:])[1]).all()
 
 
-def test_a_mended_shape_is_scored_in_the_numbers_that_it_came_with(collection, memory):
+def test_a_mended_shape_is_scored_in_the_numbers_that_it_came_with(make, collection):
     """One vertex more, in front of all others: the errors are those of the sound mesh, one number higher."""
-    model = make_pipeline(
-        SpectralBasis(20, on_invalid="repair", memory=memory),
-        DescriptorTransformer(memory=memory),
-        WeightedFunctionalMapLearner(n_functions=8, weighting="category", tol=1e-2, memory=memory),
-    ).fit(collection.meshes[:4], collection.truths[:4])
+    model = make(on_invalid="repair").fit(collection.meshes[:4], collection.truths[:4])
     sound = collection.meshes[4]
     shifted = skfmap.Correspondence(np.add(collection.truths[4].pairs, [1, 0]))
     broken = unreferenced_vertex(sound.vertices.copy(), sound.faces.copy())
@@ -448,37 +476,43 @@ def test_a_file_is_checked_and_mended_as_its_arrays_are(tmp_path, collection, fa
     assert not isinstance(skipped, SkippedShape) or skipped.n_vertices == len(vertices)
 
 
-@pytest.mark.parametrize("suffix", WRITERS)
 @pytest.mark.parametrize("fault", CATALOGUE)
-def test_a_broken_file_in_a_folder_does_not_lose_the_others(tmp_path, collection, memory, fault, suffix):
-    """Read, mended or left out, learned from; and all are matched in the numbers of their files."""
+def test_a_broken_file_in_a_folder_does_not_lose_the_others(tmp_path, collection, make, fault):
+    """Read, mended or left out, learned from; and all are matched in the numbers of their files.
+
+    What is read alike from files of several formats is learned from once.
+    """
     meshes = [(mesh.vertices, mesh.faces) for mesh in collection.meshes[:4]]
     truths = list(collection.truths[:4])
     meshes[2] = _broken(collection, fault, 2)
     if fault in (unreferenced_vertex, seam, touching_point):
         truths[2] = _at_the_same_places(truths[2], collection.meshes[2].vertices, meshes[2][0])
-    for i, (mesh, truth) in enumerate(zip(meshes, truths, strict=True)):
-        (tmp_path / f"body{i}{suffix}").write_text(WRITERS[suffix](*mesh))
-        np.savetxt(tmp_path / f"body{i}.txt", truth.pairs, fmt="%d")
-    model = make_pipeline(
-        SpectralBasis(20, on_invalid="repair", memory=memory),
-        DescriptorTransformer("paper", memory=memory),
-        WeightedFunctionalMapLearner(n_functions=8, weighting="category", tol=1e-2, memory=memory),
-    )
-    with warnings.catch_warnings(record=True) as caught:
-        warnings.simplefilter("always")
-        data = load_collection(tmp_path, on_invalid="repair")
-        matches = skfmap.match(model.fit(data.meshes, data.correspondences), data.meshes)
-    told = [str(w.message) for w in caught if issubclass(w.category, (RepairWarning, SkippedShapeWarning))]
-    assert bool(told) == (CATALOGUE[fault][0] == REFUSED)
-    assert all("body2" in message for message in told)
-    unreadable = check_mesh(tmp_path / f"body2{suffix}").faults[:1]
-    lost = CATALOGUE[fault][2] == LEFT_OUT or any(one.kind == "unreadable" for one in unreadable)
-    assert (matches[2].p2p >= 0).any() != lost
-    assert ("no match" in repr(matches[2])) == lost
-    if (fault, suffix) not in UNREADABLE:
-        assert len(matches[2].p2p) == len(meshes[2][0])
-    assert all((matches[i].p2p >= 0).all() for i in (0, 1, 3))
+    learned = {}
+    for suffix, write in WRITERS.items():
+        folder = tmp_path / suffix[1:]
+        folder.mkdir()
+        for i, (mesh, truth) in enumerate(zip(meshes, truths, strict=True)):
+            (folder / f"body{i}{suffix}").write_text(write(*mesh))
+            np.savetxt(folder / f"body{i}.txt", truth.pairs, fmt="%d")
+        with warnings.catch_warnings(record=True) as caught:
+            warnings.simplefilter("always")
+            data = load_collection(folder, on_invalid="repair")
+            content = joblib.hash([data.meshes, data.correspondences])
+            if content not in learned:
+                model = make("paper", on_invalid="repair").fit(data.meshes, data.correspondences)
+                learned[content] = skfmap.match(model, data.meshes), caught
+        matches, while_learning = learned[content]
+        kinds = (RepairWarning, SkippedShapeWarning)
+        told = [str(w.message) for w in [*caught, *while_learning] if issubclass(w.category, kinds)]
+        assert bool(told) == (CATALOGUE[fault][0] == REFUSED), suffix
+        assert all("body2" in message for message in told), suffix
+        unreadable = check_mesh(folder / f"body2{suffix}").faults[:1]
+        lost = CATALOGUE[fault][2] == LEFT_OUT or any(one.kind == "unreadable" for one in unreadable)
+        assert (matches[2].p2p >= 0).any() != lost, suffix
+        assert ("no match" in repr(matches[2])) == lost, suffix
+        if (fault, suffix) not in UNREADABLE:
+            assert len(matches[2].p2p) == len(meshes[2][0]), suffix
+        assert all((matches[i].p2p >= 0).all() for i in (0, 1, 3)), suffix
 
 
 def test_vertices_that_correspond_by_number_do_so_in_a_mended_file(tmp_path):

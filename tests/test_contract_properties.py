@@ -24,8 +24,8 @@ from skfmap.shapes import SkippedShape
 # The same cases in every run; SKFMAP_EXAMPLES=20 for twenty times as many, others each time.
 _MORE = int(os.environ.get("SKFMAP_EXAMPLES", "1"))
 _FIXTURES = [HealthCheck.function_scoped_fixture]
-cases = settings(deadline=None, derandomize=_MORE == 1, max_examples=100 * _MORE, suppress_health_check=_FIXTURES)
-few_cases = settings(deadline=None, derandomize=_MORE == 1, max_examples=25 * _MORE, suppress_health_check=_FIXTURES)
+cases = settings(max_examples=100 * _MORE, suppress_health_check=_FIXTURES)
+few_cases = settings(max_examples=25 * _MORE, suppress_health_check=_FIXTURES)
 
 generators = st.integers(0, 2**32 - 1).map(np.random.default_rng)
 
@@ -281,8 +281,8 @@ def test_the_mean_over_shapes_passes_over_those_without_an_answer(means, random)
 # The order of shapes, bit for bit
 
 
-@given(st.lists(st.integers(0, 5), min_size=1, max_size=6))
-@settings(few_cases, max_examples=10 * _MORE)
+@given(st.lists(st.integers(0, 5), min_size=1, max_size=4))
+@settings(few_cases, max_examples=6 * _MORE)
 def test_transform_predict_and_match_know_no_order_and_no_company(model, collection, alone, chosen):
     """Any shapes in any order, some twice: each gets what it gets alone."""
     meshes = [collection.meshes[i] for i in chosen]
@@ -311,7 +311,7 @@ def alone(model, collection):
 
 
 @given(st.permutations(range(1, 5)))
-@settings(deadline=None, derandomize=_MORE == 1, max_examples=6 * _MORE, suppress_health_check=_FIXTURES)
+@settings(max_examples=3 * _MORE, suppress_health_check=_FIXTURES)
 def test_training_shapes_behind_the_reference_come_in_any_order(make_learner, fitted, probed, collection, order):
     """Sums over shapes are rounded in another order, and the search goes another way at the last digits."""
     order = [0, *order]

@@ -108,7 +108,7 @@ def test_triangles_are_well_shaped(meshes):
         assert (smallest > 10).mean() > 0.99
 
 
-@pytest.mark.parametrize("n_vertices", [500, 1000, 5000])
+@pytest.mark.parametrize("n_vertices", [500, 5000])
 def test_vertices_are_as_many_as_asked(n_vertices):
     mesh = make_creatures(1, n_vertices, n_points=2).meshes[0]
     assert mesh.n_vertices == n_vertices

@@ -67,7 +67,7 @@ def brute_force_map(probes_0, probes_i, mask, weights, alpha):
 
 
 @given(SIZES)
-@settings(deadline=None, max_examples=25)
+@settings(max_examples=25)
 def test_row_systems_agree_with_one_least_squares_problem(sizes):
     k, m, seed = sizes
     rng = np.random.default_rng(seed)
@@ -109,7 +109,7 @@ def test_scaling_weights_is_dividing_alpha_by_the_square():
 
 
 @given(SIZES, st.floats(1e-3, 10))
-@settings(deadline=None, max_examples=25)
+@settings(max_examples=25)
 def test_rank_norm_is_the_sum_over_singular_values(sizes, epsilon):
     k, m, seed = sizes
     A = np.random.default_rng(seed).standard_normal((m, k))
@@ -256,7 +256,7 @@ def test_learning_says_which_array_does_not_fit():
 
 
 @given(SIZES)
-@settings(deadline=None, max_examples=25)
+@settings(max_examples=25)
 def test_normalised_columns_have_one_norm_and_no_constant(sizes):
     k, m, seed = sizes
     raw = np.random.default_rng(seed).standard_normal((k, m)) * np.logspace(-6, 6, m)

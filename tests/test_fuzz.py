@@ -93,13 +93,13 @@ def _read(path, content):
     """Read a file, hold time and memory to account, and return the mesh or the error."""
     path.write_bytes(content)
     tracemalloc.start()
-    started = time.perf_counter()
+    started = time.process_time()  # of this process, whatever else the machine does
     try:
         return read_mesh(path)
     except MeshError as error:
         return error
     finally:
-        seconds, peak = time.perf_counter() - started, tracemalloc.get_traced_memory()[1]
+        seconds, peak = time.process_time() - started, tracemalloc.get_traced_memory()[1]
         tracemalloc.stop()
         assert seconds < 5  # a second on a quiet machine
         assert peak < 100 * len(content) + 3e7
@@ -170,7 +170,7 @@ def _seed_files():
             yield kind.removesuffix("_ascii"), content if isinstance(content, bytes) else content.encode()
 
 
-# SKFMAP_FUZZ=10000 for more.
+# SKFMAP_FUZZ=3000 for fifty times as many.
 _N_MUTATIONS = int(os.environ.get("SKFMAP_FUZZ", "60"))
 
 
@@ -226,7 +226,7 @@ HOSTILE_TRUTHS = {
 def _read_truth(folder, name, content):
     folder.mkdir(exist_ok=True, parents=True)
     (folder / name).write_bytes(content)
-    start = time.perf_counter()
+    started = time.process_time()
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("error")
@@ -234,7 +234,7 @@ def _read_truth(folder, name, content):
     except CorrespondenceError as error:
         outcome = error
     assert isinstance(outcome, Correspondence) or name in str(outcome)
-    assert time.perf_counter() - start < 1
+    assert time.process_time() - started < 5
     return outcome
 
 
@@ -272,22 +272,22 @@ def test_mutated_correspondences_fit_the_mesh_or_are_errors(tmp_path, name, cont
             assert isinstance(outcome, CorrespondenceError)
 
 
-@pytest.mark.parametrize(
-    ("name", "content"),
-    [
-        ("f.obj", b"mtllib secret.mtl\nusemtl x\n" + _OBJ + b"f 1 2 3\n"),
-        ("f.ply", _ply(b"3", b"1", first=b"comment TextureFile secret.mtl\n") + _TRIANGLE + b"3 0 1 2\n"),
-    ],
-)
-def test_no_path_is_taken_from_a_file(tmp_path, name, content):
-    """A mesh that names another file, which is a pipe that nobody writes to: whoever opens it waits for ever."""
+_NAMING_ANOTHER = {
+    "f.obj": b"mtllib secret.mtl\nusemtl x\n" + _OBJ + b"f 1 2 3\n",
+    "f.ply": _ply(b"3", b"1", first=b"comment TextureFile secret.mtl\n") + _TRIANGLE + b"3 0 1 2\n",
+}
+
+
+def test_no_path_is_taken_from_a_file(tmp_path):
+    """Meshes that name another file, which is a pipe that nobody writes to: whoever opens it waits for ever."""
     os.mkfifo(tmp_path / "secret.mtl")
-    (tmp_path / name).write_bytes(content)
-    code = f"from skfmap.io import read_mesh; print(read_mesh({str(tmp_path / name)!r}).n_faces)"
+    for name, content in _NAMING_ANOTHER.items():
+        (tmp_path / name).write_bytes(content)
+    code = f"from skfmap.io import read_mesh; print(*(read_mesh(name).n_faces for name in {list(_NAMING_ANOTHER)}))"
     done = subprocess.run(
         [sys.executable, "-c", code], capture_output=True, text=True, check=True, timeout=60, cwd=tmp_path
     )
-    assert done.stdout == "1\n"
+    assert done.stdout == "1 1\n"
 
 
 def test_the_reader_says_nothing_on_the_side(tmp_path):

@@ -102,7 +102,7 @@ def test_curvature_on_the_boundary_is_that_of_the_neighbours(sphere):
 
 
 @given(st.integers(0, 2**31), st.floats(0, 40))
-@settings(deadline=None, max_examples=25)
+@settings(max_examples=25)
 def test_clipping_is_by_area_and_not_by_count(seed, percentile):
     rng = np.random.default_rng(seed)
     values, mass = rng.standard_normal(60), rng.random(60) + 0.1
@@ -168,7 +168,7 @@ def test_signed_volume_of_a_sphere_and_of_one_with_a_hole(sphere):
 
 @pytest.mark.parametrize("n_missing", [0, 6])
 @given(seed=st.integers(0, 2**31))
-@settings(deadline=None, max_examples=10)
+@settings(max_examples=10)
 def test_any_winding_is_turned_outwards(n_missing, seed):
     vertices, faces = subdivided_octahedron(2)
     faces = faces[n_missing:]
@@ -257,7 +257,7 @@ def test_farthest_vertices_are_spread(sphere):
 
 
 @given(st.integers(0, 2**31), st.floats(0.01, 100))
-@settings(deadline=None, max_examples=10)
+@settings(max_examples=10)
 def test_curvature_does_not_change_under_rigid_motion(seed, scale):
     vertices, faces = subdivided_octahedron(2)
     vertices = vertices * [1.0, 0.7, 0.5]

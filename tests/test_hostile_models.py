@@ -293,7 +293,7 @@ _CHANGES = st.lists(st.tuples(st.floats(0, 1, exclude_max=True), st.integers(1, 
 
 
 @given(changes=_CHANGES, kept=st.floats(0.01, 1), in_tree=st.booleans(), whole=st.booleans())
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=150)
 def test_damaged_files_are_loaded_whole_or_refused(saved, tmp_path_factory, changes, kept, in_tree, whole):
     """Cut short, or with bytes changed: one error, or a learner."""
     content = bytearray(saved if whole else saved[: int(kept * len(saved))])

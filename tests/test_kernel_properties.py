@@ -43,8 +43,8 @@ from skfmap.geometry.orientation import orient_faces, signed_volume
 
 # The same cases in every run; SKFMAP_EXAMPLES=20 for twenty times as many, others each time.
 _MORE = int(os.environ.get("SKFMAP_EXAMPLES", "1"))
-cases = settings(deadline=None, derandomize=_MORE == 1, max_examples=100 * _MORE)
-few_cases = settings(deadline=None, derandomize=_MORE == 1, max_examples=40 * _MORE)
+cases = settings(max_examples=100 * _MORE)
+few_cases = settings(max_examples=40 * _MORE)
 
 seeds = st.integers(0, 2**32 - 1)
 generators = seeds.map(np.random.default_rng)

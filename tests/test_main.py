@@ -24,7 +24,7 @@ def folder(symmetric_collection, tmp_path):
 
 def test_main_job_on_a_folder(folder, capsys):
     output = folder / "out"
-    status = main([str(folder), "--output", str(output), "--functions", "15", "--folds", "2", "--jobs", "1"])
+    status = main([str(folder), "--output", str(output), "--functions", "10", "--folds", "2", "--jobs", "1"])
     printed = capsys.readouterr().out
     assert status == 0
     table = printed[printed.index("weighting ") :].splitlines()
@@ -62,7 +62,7 @@ def test_a_wrong_correspondence_is_told_once(collection, tmp_path):
             pairs[:, 0] = rng.permutation(pairs[:, 0])
         write_mesh(collection.meshes[i], tmp_path / f"body{i}.off")
         np.savetxt(tmp_path / f"body{i}.txt", pairs, fmt="%d")
-    options = [str(tmp_path), "--output", str(tmp_path / "out"), "--functions", "15", "--folds", "2", "--jobs", "1"]
+    options = [str(tmp_path), "--output", str(tmp_path / "out"), "--functions", "10", "--folds", "1", "--jobs", "1"]
     with pytest.warns(DisagreementWarning, match="'body3'") as told:
         assert main(options) == 0
     assert [one.category for one in told] == [DisagreementWarning]
@@ -71,7 +71,8 @@ def test_a_wrong_correspondence_is_told_once(collection, tmp_path):
 def test_warnings_are_printed_without_lines_of_code(folder):
     (folder / "body1.off").write_text("OFF\n3 1 0\n0 0 0\n")
     code = [sys.executable, "-m", "skfmap", str(folder), "--output", str(folder / "out"), "--on-invalid", "skip"]
-    done = subprocess.run([*code, "--functions", "10", "--folds", "1"], capture_output=True, text=True, check=True)
+    code += ["--functions", "10", "--folds", "1", "--jobs", "1"]
+    done = subprocess.run(code, capture_output=True, text=True, check=True)
     assert done.stderr.splitlines()[0].startswith(
         "SkippedShapeWarning: 1 of 4 shapes are left out. X[1], shape 'body1'"
     )

@@ -25,7 +25,7 @@ from skfmap.metrics import (
     singular_value_profile,
 )
 
-quick = settings(max_examples=30, deadline=None)
+quick = settings(max_examples=30)
 SQRT_AREA = np.sqrt(4 * np.pi)
 
 

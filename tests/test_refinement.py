@@ -104,7 +104,7 @@ def test_a_renumbering_gives_an_orthogonal_map_in_either_direction():
 
 
 @given(st.integers(0, 2**32 - 1))
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 def test_the_nearest_orthogonal_map_is_nearer_than_others(seed):
     rng = np.random.default_rng(seed)
     C, other = rng.standard_normal((4, 4)), np.linalg.qr(rng.standard_normal((4, 4)))[0]
@@ -114,7 +114,7 @@ def test_the_nearest_orthogonal_map_is_nearer_than_others(seed):
 
 
 @given(st.integers(0, 2**32 - 1), st.integers(2, 6))
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=50)
 def test_the_nearest_point_of_a_triangle_is_nearer_than_others(seed, d):
     rng = np.random.default_rng(seed)
     corners, point = rng.standard_normal((1, 3, d)), 2 * rng.standard_normal((1, d))

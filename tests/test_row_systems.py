@@ -73,7 +73,7 @@ def test_other_regularisers_have_no_quadratic():
 
 
 @given(st.integers(2, 40), st.integers(1, 50), st.sampled_from(QUADRATIC), st.integers(0, 2**31))
-@settings(deadline=None, max_examples=40)
+@settings(max_examples=40)
 def test_one_decomposition_solves_the_systems_that_factorisations_solve(k, m, regularizer, seed):
     rng = np.random.default_rng(seed)
     evals_0, evals = spectra(rng, 3, k)

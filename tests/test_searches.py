@@ -28,6 +28,12 @@ from skfmap.metrics import get_scorer, get_scorer_names
 from skfmap.model_selection import PinnedReference
 
 
+@pytest.fixture(scope="module")
+def memory(tmp_path_factory):
+    """Return a cache of bases and probes, which these tests do not change."""
+    return str(tmp_path_factory.mktemp("cache"))
+
+
 def test_cross_validation_with_one_reference(make_learner, fitted, probed, collection):
     cv = PinnedReference(LeaveOneOut())
     scores = cross_val_score(make_learner(), probed, collection.truths, cv=cv, error_score="raise")
@@ -45,7 +51,7 @@ def test_plain_cross_validation_works_too(make_learner, probed, collection):
 @pytest.mark.parametrize(
     "grid",
     [
-        {"learner__epsilon": ["auto", 1e-3, 1.0]},
+        {"learner__epsilon": ["auto", 1.0]},
         {"learner__weighting": [None, "category"], "learner__matching": ["cut"]},
         {"probes__hks__n_functions": [2, 5], "probes__families": ["paper"]},
         {"probes__families": [None, "paper", [("hks", HeatKernelSignature(20)), ("wks", WaveKernelSignature(20))]]},
@@ -53,9 +59,10 @@ def test_plain_cross_validation_works_too(make_learner, probed, collection):
     ],
     ids="+".join,
 )
-def test_grid_search(make_model, collection, grid, tmp_path):
+def test_grid_search(make_model, collection, grid, memory):
     X, y = collection.meshes[:4], collection.truths[:4]
-    search = GridSearchCV(make_model(memory=str(tmp_path)), grid, cv=PinnedReference(2), error_score="raise")
+    model = make_model(memory=memory, weighting="unique")
+    search = GridSearchCV(model, grid, cv=PinnedReference(2), error_score="raise")
     search.fit(X, y)
     assert np.isfinite(search.cv_results_["mean_test_score"]).all()
     best = clone(search.estimator).set_params(**clone(search.best_params_, safe=False)).fit(X, y)
@@ -154,7 +161,7 @@ def test_any_splitter(cv, make_learner, probed, collection):
 
 
 @pytest.mark.parametrize("container", [list, tuple, "array"])
-def test_searches_take_lists_tuples_and_object_arrays(container, make_model, collection):
+def test_searches_take_lists_tuples_and_object_arrays(container, make_model, collection, memory):
     def wrap(items):
         if container != "array":
             return container(items)
@@ -163,9 +170,9 @@ def test_searches_take_lists_tuples_and_object_arrays(container, make_model, col
         return array
 
     X, y = wrap(collection.meshes[:4]), wrap(collection.truths[:4])
-    search = GridSearchCV(make_model(), {"learner__weighting": [None]}, cv=PinnedReference(2), error_score="raise").fit(
-        X, y
-    )
+    search = GridSearchCV(
+        make_model(memory=memory), {"learner__weighting": [None]}, cv=PinnedReference(2), error_score="raise"
+    ).fit(X, y)
     assert search.score(X, y) < 0
     assert len(skfmap.match(search, X)) == 4
 
@@ -180,14 +187,14 @@ def test_a_list_of_grids_asks_whether_learning_pays(make_learner, probed, collec
     """The naive baseline has no epsilon to search over, and learned weights no need for another alpha."""
     grids = [
         {"weighting": [None], "alpha": [1e-3, 1e-2]},
-        {"weighting": ["category", "function"], "epsilon": ["auto", 0.1]},
+        {"weighting": ["unique", "category"], "epsilon": ["auto"]},
     ]
     search = GridSearchCV(make_learner(), grids, cv=PinnedReference(2), error_score="raise")
-    search.fit(probed[:5], collection.truths[:5])
-    assert len(search.cv_results_["params"]) == 6
+    search.fit(probed[:4], collection.truths[:4])
+    assert len(search.cv_results_["params"]) == 4
     assert search.best_score_ == search.cv_results_["mean_test_score"].max()
     (best,) = skfmap.match(search, probed[5:])
-    again = clone(search.estimator).set_params(**search.best_params_).fit(probed[:5], collection.truths[:5])
+    again = clone(search.estimator).set_params(**search.best_params_).fit(probed[:4], collection.truths[:4])
     assert_array_equal(best.p2p, again.match(probed[5:])[0].p2p)
 
 
@@ -220,9 +227,9 @@ def test_randomized_search_is_repeatable(make_learner, probed, collection):
 
 
 @pytest.mark.filterwarnings("ignore::sklearn.exceptions.ConvergenceWarning")
-def test_successive_halving_over_iterations(make_model, collection):
+def test_successive_halving_over_iterations(make_learner, probed, collection):
     search = HalvingGridSearchCV(
-        make_model(),
+        Pipeline([("learner", make_learner())]),
         {"learner__weighting": ["unique", "category"], "learner__alpha": [1e-3, 1e-2]},
         resource="learner__max_iter",
         min_resources=4,
@@ -230,10 +237,10 @@ def test_successive_halving_over_iterations(make_model, collection):
         factor=2,
         cv=PinnedReference(2),
         error_score="raise",
-    ).fit(collection.meshes[:4], collection.truths[:4])
+    ).fit(probed[:4], collection.truths[:4])
     assert search.n_resources_ == [4, 8, 16]
     assert search.best_estimator_["learner"].max_iter == 16
-    assert len(skfmap.match(search, collection.meshes[4:])) == 2
+    assert len(skfmap.match(search, probed[4:])) == 2
 
 
 def test_successive_halving_over_samples_loses_the_reference(make_learner, probed, collection):
@@ -255,23 +262,24 @@ def test_successive_halving_over_samples_loses_the_reference(make_learner, probe
 
 @pytest.mark.parametrize("n_jobs", [1, 2])
 def test_nested_searches_pin_both_loops(n_jobs, make_learner, probed, collection):
+    X, y = probed[:4], collection.truths[:4]
     inner = GridSearchCV(
         make_learner(), {"weighting": [None, "unique"]}, cv=PinnedReference(2), n_jobs=1, error_score="raise"
     )
     result = cross_validate(
         inner,
-        probed,
-        collection.truths,
+        X,
+        y,
         cv=PinnedReference(LeaveOneOut()),
         n_jobs=n_jobs,
         return_estimator=True,
         error_score="raise",
     )
     assert (result["test_score"] > -0.15).all()
-    for i, search in enumerate(result["estimator"], start=1):
-        assert search.best_estimator_.reference_.name == "body0"
-        by_hand = clone(inner).fit(probed[:i] + probed[i + 1 :], collection.truths[:i] + collection.truths[i + 1 :])
-        assert by_hand.best_params_ == search.best_params_
+    first, *_ = searches = result["estimator"]
+    assert [search.best_estimator_.reference_.name for search in searches] == ["body0"] * 3
+    by_hand = clone(inner).fit([X[0], *X[2:]], [y[0], *y[2:]])
+    assert_array_equal(by_hand.cv_results_["mean_test_score"], first.cv_results_["mean_test_score"])
 
 
 @pytest.mark.parametrize("name", get_scorer_names())

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from skfmap import Correspondence, Match, Mesh, SpectralBasis
 from skfmap.exceptions import CorrespondenceError, MeshError
 
-quick = settings(max_examples=40, deadline=None)
+quick = settings(max_examples=40)
 
 
 @pytest.fixture

@@ -23,8 +23,17 @@ def cats():
     return SpectralBasis().transform(collection.meshes), collection.correspondences
 
 
-def errors(shapes, truths, **parameters):
-    learner = WeightedFunctionalMapLearner(**parameters).fit(shapes[:4], truths[:4])
+@pytest.fixture(scope="module")
+def probed(cats):
+    return DescriptorTransformer().transform(cats[0])
+
+
+@pytest.fixture(scope="module")
+def learner(cats, probed):
+    return WeightedFunctionalMapLearner().fit(probed[:4], cats[1][:4])
+
+
+def errors(learner, shapes, truths):
     return [learner.pair_errors(shapes[4:], truths[4:], matching="cut", n_stable=share)[0] for share in (1.0, 0.5)]
 
 
@@ -40,24 +49,22 @@ def test_correspondences_and_reading_order(cats):
 
 def test_learning_and_reducing_both_help(cats):
     shapes, truths = DescriptorTransformer("paper").transform(cats[0]), cats[1]
-    naive_full, naive_reduced = (e.mean("per_vertex") for e in errors(shapes, truths, weighting=None))
-    learned_full, learned_reduced = (e.mean("per_vertex") for e in errors(shapes, truths))
+    naive, learned = (WeightedFunctionalMapLearner(weighting=w).fit(shapes[:4], truths[:4]) for w in (None, "function"))
+    naive_full, naive_reduced = (e.mean("per_vertex") for e in errors(naive, shapes, truths))
+    learned_full, learned_reduced = (e.mean("per_vertex") for e in errors(learned, shapes, truths))
     assert naive_reduced < naive_full
     assert learned_reduced < learned_full
     assert learned_reduced < naive_reduced
 
 
-def test_oriented_probes_tell_left_from_right(cats):
-    shapes, truths = DescriptorTransformer().transform(cats[0]), cats[1]
-    _, reduced = errors(shapes, truths)
+def test_oriented_probes_tell_left_from_right(cats, probed, learner):
+    _, reduced = errors(learner, probed, cats[1])
     assert reduced.mean("direct") == reduced.mean("consistent") < 0.06
 
 
-def test_another_species_is_told(cats):
+def test_another_species_is_told(probed, learner):
     """A horse matched by cats: answers without a warning would be believed."""
-    shapes, truths = DescriptorTransformer().transform(cats[0]), cats[1]
-    learner = WeightedFunctionalMapLearner().fit(shapes[:4], truths[:4])
-    learner.match(shapes[4:])  # a cat in a new pose: not a word
+    learner.match(probed[4:])  # a cat in a new pose: not a word
     horse = load_collection(DATA / "tosca_isometric", "horse0").meshes
     with pytest.warns(UnfamiliarShapeWarning, match="'horse0'"):
         learner.match(DescriptorTransformer().transform(SpectralBasis().transform(horse)))
