@@ -107,9 +107,13 @@ def probe():
 
 
 @pytest.fixture(scope="session")
-def make_learner():
-    """Return a function that makes a learner that is fitted in a tenth of a second."""
-    return lambda **parameters: WeightedFunctionalMapLearner(**{"n_functions": 12, "tol": 1e-3, **parameters})
+def make_learner(tmp_path_factory):
+    """Return a function that makes a learner that is fitted in a tenth of a second.
+
+    What does not depend on weights, as distances on the reference, is computed once in a session (memory=None: anew).
+    """
+    given = {"n_functions": 12, "tol": 1e-3, "memory": str(tmp_path_factory.mktemp("learners"))}
+    return lambda **parameters: WeightedFunctionalMapLearner(**{**given, **parameters})
 
 
 @pytest.fixture(scope="session")
@@ -121,7 +125,7 @@ def make_model(make_learner):
             [
                 ("basis", SpectralBasis(30, memory=memory)),
                 ("probes", DescriptorTransformer(memory=memory)),
-                ("learner", make_learner(memory=memory, **parameters)),
+                ("learner", make_learner(**({"memory": memory} if memory else {}), **parameters)),
             ]
         )
 
@@ -131,13 +135,13 @@ def make_model(make_learner):
 @pytest.fixture(scope="session")
 def model(collection, make_model):
     """Return a pipeline fitted on all bodies but the last. Do not fit it again or set its parameters."""
-    return make_model().fit(collection.meshes[:5], collection.truths[:5])
+    return make_model().set_params(learner__memory=None).fit(collection.meshes[:5], collection.truths[:5])
 
 
 @pytest.fixture(scope="session")
 def fitted(make_learner, probed, collection):
     """Return a learner fitted on all bodies but the last. Do not fit it again or set its parameters."""
-    return make_learner().fit(probed[:5], collection.truths[:5])
+    return make_learner(memory=None).fit(probed[:5], collection.truths[:5])
 
 
 @pytest.fixture(scope="session")

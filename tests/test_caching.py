@@ -136,7 +136,7 @@ def test_ground_truth_is_fitted_once_for_all_grid_points_and_folds(
     search = GridSearchCV(make_learner(memory=str(tmp_path)), grid, cv=cv, error_score="raise", refit=False)
     search.fit(probed, truths)
     assert fitted_pairs["map"] == 3
-    plain = GridSearchCV(make_learner(), grid, cv=cv, error_score="raise", refit=False).fit(probed, truths)
+    plain = GridSearchCV(make_learner(memory=None), grid, cv=cv, error_score="raise", refit=False).fit(probed, truths)
     assert_array_equal(search.cv_results_["mean_test_score"], plain.cv_results_["mean_test_score"])
     assert fitted_pairs["map"] == 3 + 3 * 2 * 2
 

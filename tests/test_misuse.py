@@ -70,7 +70,7 @@ def model_that(collection, memory):
     """Return a function that fits a pipeline with `on_invalid` on the first bodies."""
 
     def make(on_invalid, meshes=None, truths=None, **parameters):
-        learner = WeightedFunctionalMapLearner(n_functions=10, weighting="category", tol=1e-2, **parameters)
+        learner = WeightedFunctionalMapLearner(n_functions=10, weighting="category", tol=1e-2, memory=memory, **parameters)
         basis = SpectralBasis(20, on_invalid=on_invalid, memory=memory)
         model = make_pipeline(basis, DescriptorTransformer(memory=memory), learner)
         return model.fit(meshes or collection.meshes[:4], truths or collection.truths[:4])

@@ -260,8 +260,7 @@ def test_successive_halving_over_samples_loses_the_reference(make_learner, probe
         search.fit(probed, collection.truths)
 
 
-@pytest.mark.parametrize("n_jobs", [1, 2])
-def test_nested_searches_pin_both_loops(n_jobs, make_learner, probed, collection):
+def test_nested_searches_pin_both_loops(make_learner, probed, collection):
     X, y = probed[:4], collection.truths[:4]
     inner = GridSearchCV(
         make_learner(), {"weighting": [None, "unique"]}, cv=PinnedReference(2), n_jobs=1, error_score="raise"
@@ -271,7 +270,7 @@ def test_nested_searches_pin_both_loops(n_jobs, make_learner, probed, collection
         X,
         y,
         cv=PinnedReference(LeaveOneOut()),
-        n_jobs=n_jobs,
+        n_jobs=2,
         return_estimator=True,
         error_score="raise",
     )
