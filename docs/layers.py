@@ -15,7 +15,8 @@ PACKAGE = ROOT / "skfmap"
 def read_layers():
     """Return the layers of the import-linter contract, the top first; each a list of names of modules."""
     project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
-    (contract,) = (one for one in project["tool"]["importlinter"]["contracts"] if one["type"] == "layers")
+    contracts = project["tool"]["importlinter"]["contracts"]
+    (contract,) = (one for one in contracts if one["type"] == "layers" and one["containers"] == ["skfmap"])
     return [[name.strip() for name in layer.split("|")] for layer in contract["layers"]]
 
 

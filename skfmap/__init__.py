@@ -7,10 +7,11 @@ from skfmap._version import __version__
 from skfmap.basis import SpectralBasis
 from skfmap.descriptors import DescriptorTransformer
 from skfmap.health import check_mesh, repair_mesh
-from skfmap.learner import WeightedFunctionalMapLearner, functional_maps, match
+from skfmap.learner import BridgedLearner, WeightedFunctionalMapLearner, functional_maps, match
 from skfmap.shapes import Correspondence, Match, Mesh, ProbedShape, SpectralShape
 
 __all__ = [
+    "BridgedLearner",
     "Correspondence",
     "DescriptorTransformer",
     "Match",
@@ -29,7 +30,7 @@ __all__ = [
 # Imported when they are asked for: pictures and reports take a while to load.
 _SUBMODULES = (
     *("basis", "datasets", "descriptors", "exceptions", "functional", "geometry", "ground_truth", "health", "io"),
-    *("learner", "metrics", "model_selection", "persistence", "plotting", "report", "shapes"),
+    *("learner", "measures", "metrics", "model_selection", "persistence", "plotting", "refinement", "report", "shapes"),
 )
 
 

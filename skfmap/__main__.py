@@ -14,7 +14,7 @@ import numpy as np
 from sklearn.pipeline import make_pipeline
 from sklearn.utils import Bunch
 
-from skfmap._validation import check_number
+from skfmap._tools.validation import check_number
 from skfmap.basis import SpectralBasis
 from skfmap.datasets import load_collection, make_creatures
 from skfmap.descriptors import DescriptorTransformer
@@ -29,7 +29,7 @@ from skfmap.shapes import Correspondence, Match, Mesh, ProbedShape, SkippedShape
 # How points are matched: in all functions alike, in the p most stable, in all weighted by stability.
 _MATCHINGS: dict[str, dict[str, Any]] = {
     "full": {"matching": "cut", "n_stable": 1.0},
-    "reduced": {"matching": "cut", "n_stable": None},
+    "reduced": {"matching": "cut", "n_stable": "fitted"},
     "soft": {"matching": "soft"},
 }
 

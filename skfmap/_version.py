@@ -1,8 +1,8 @@
 """The version of the package, and what becomes of models that another version saved."""
 
-import warnings
 from typing import Any
 
+from skfmap._tools.warn import warn
 from skfmap.exceptions import VersionWarning
 
 __all__ = ["Versioned", "__version__"]
@@ -21,11 +21,10 @@ class Versioned:
         """Take what was saved; warn if it was by another version."""
         saved = state.get("_skfmap_version", "unknown")
         if saved != __version__:
-            warnings.warn(
+            warn(
                 f"This {type(self).__name__} was saved by skfmap {saved}, and is loaded by {__version__}: its results "
                 "may differ. Fit it again, or install that version.",
                 VersionWarning,
-                stacklevel=2,
             )
         kept = {key: value for key, value in state.items() if key != "_skfmap_version"}
         super().__setstate__(kept)  # type: ignore[misc]

@@ -1,6 +1,5 @@
 """From meshes to shapes with a basis of Laplacian eigenfunctions."""
 
-import warnings
 from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any, Self
@@ -8,12 +7,12 @@ from typing import Any, Self
 import numpy as np
 from sklearn.base import BaseEstimator
 
-from skfmap._caching import cached
-from skfmap._parallel import map_shapes
-from skfmap._skipped import warn_of_repairs, warn_of_skipped
-from skfmap._stateless import StatelessShapeTransformer
-from skfmap._typing import FloatArray, SparseMatrix
-from skfmap._validation import LARGEST_AREA, SMALLEST_AREA, check_choice, check_number, label
+from skfmap._tools.caching import cached
+from skfmap._tools.parallel import map_shapes
+from skfmap._tools.stateless import StatelessShapeTransformer
+from skfmap._tools.types import FloatArray, SparseMatrix
+from skfmap._tools.validation import LARGEST_AREA, SMALLEST_AREA, check_choice, check_number, label
+from skfmap._tools.warn import warn
 from skfmap._version import Versioned
 from skfmap.exceptions import MeshError, OrientationWarning
 from skfmap.functional.eigenbasis import laplacian_eigenbasis
@@ -29,6 +28,7 @@ from skfmap.geometry.orientation import orient_faces
 from skfmap.health import repair_mesh
 from skfmap.io import as_mesh, as_meshes, check_meshes, n_vertices_of, named
 from skfmap.shapes import Mesh, SkippedShape, SpectralShape
+from skfmap.shapes.usable import warn_of_repairs, warn_of_skipped
 
 __all__ = ["SpectralBasis"]
 
@@ -174,12 +174,11 @@ def _warn_of_unknown_sides(shapes: Sequence[SpectralShape | SkippedShape]) -> No
     ]
     names = [f"X[{i}]" if name is None else repr(name) for i, name in unknown]
     if names:
-        warnings.warn(
+        warn(
             f"It cannot be told which side of {', '.join(names)} is the outside: no consistent winding, or no volume "
             "enclosed. Oriented probes and mean curvature may have the wrong sign there, and left be taken for right; "
             "check the winding of the faces, or use DescriptorTransformer('paper').",
             OrientationWarning,
-            stacklevel=3,
         )
 
 

@@ -7,6 +7,7 @@ __all__ = [
     "DisagreementWarning",
     "MeshError",
     "OrientationWarning",
+    "OutdatedModelError",
     "RepairWarning",
     "SkippedShapeWarning",
     "StabilityWarning",
@@ -37,6 +38,10 @@ class DisagreementWarning(UserWarning):
 
 class VersionWarning(UserWarning):
     """A model was saved by another version of skfmap."""
+
+
+class OutdatedModelError(ValueError):
+    """A saved model is of a kind that this version does not know any more; the message says how to fit it again."""
 
 
 class OrientationWarning(UserWarning):

@@ -1,15 +1,15 @@
 """Known functional maps, from where the shapes lie on the template."""
 
-import warnings
 from collections.abc import Sequence
 from typing import Any, NamedTuple, cast
 
 import numpy as np
 
-from skfmap._caching import cached, hash_of_arrays
-from skfmap._parallel import map_shapes
-from skfmap._typing import FloatArray, IntArray
-from skfmap._validation import label
+from skfmap._tools.caching import cached, hash_of_arrays
+from skfmap._tools.parallel import map_shapes
+from skfmap._tools.types import FloatArray, IntArray
+from skfmap._tools.validation import label
+from skfmap._tools.warn import warn
 from skfmap.exceptions import CorrespondenceError, CoverageWarning
 from skfmap.functional.ground_truth import map_from_pairs
 from skfmap.functional.outliers import wrong_pairs
@@ -18,7 +18,15 @@ from skfmap.functional.residuals import residual_covariance
 from skfmap.geometry.geodesics import areas_of_landmarks
 from skfmap.shapes import Correspondence, JoinedPairs, Mesh, ProbedShape
 
-__all__ = ["KnownMap", "check_landmarks", "ground_truth_maps", "join_with_reference", "known_maps"]
+__all__ = [
+    "KnownMap",
+    "check_landmarks",
+    "coverage_messages",
+    "ground_truth_maps",
+    "join_with_reference",
+    "known_maps",
+    "warn_of_coverage",
+]
 
 
 def join_with_reference(
@@ -105,6 +113,7 @@ def ground_truth_maps(
         If the pairs of a shape determine fewer than k functions; the rest is a guess by isometry.
     """
     known = known_maps(shapes, reference, joins, n_functions, memory=memory, n_jobs=n_jobs)
+    warn_of_coverage(known, [label(shape.name, "shape") for shape in shapes], n_functions)
     return np.stack([one.C for one in known])
 
 
@@ -120,23 +129,36 @@ def known_maps(
     """Return `ground_truth_maps` with what else the pairs tell."""
     arguments = ((s, reference, join, n_functions, memory) for s, join in zip(shapes, joins, strict=True))
     known: list[KnownMap] = map_shapes(_known_map, arguments, n_jobs=n_jobs, verbose=0, prefer="threads")
-    for shape, one in zip(shapes, known, strict=True):
-        if one.n_wrong > _MANY * len(one.areas):
-            warnings.warn(
-                f"{one.n_wrong} of the {len(one.areas)} pairs of {label(shape.name, 'shape')} lie far from where a "
-                "smooth map puts them and are left out; check its correspondence if that surprises you.",
-                CoverageWarning,
-                stacklevel=4,
-            )
-        if one.n_observed < n_functions:
-            warnings.warn(
-                f"The correspondences of {label(shape.name, 'shape')} determine {one.n_observed} of {n_functions} "
-                "functions; the rest of its ground-truth map is a guess by isometry. Give more or better spread "
-                "pairs, lower n_functions, or leave the shape out.",
-                CoverageWarning,
-                stacklevel=4,
-            )
     return known
+
+
+def coverage_messages(known: Sequence[KnownMap], names: Sequence[str], k: int) -> list[str]:
+    """Return what a person should know of known maps: many pairs left out, or functions that no pairs determine."""
+    wrong = [
+        f"{one.n_wrong} of the {len(one.areas)} pairs of {name}"
+        for name, one in zip(names, known, strict=True)
+        if one.n_wrong > _MANY * len(one.areas)
+    ]
+    partial = [f"{name} {one.n_observed}" for name, one in zip(names, known, strict=True) if one.n_observed < k]
+    messages = []
+    if wrong:
+        messages.append(
+            f"{', '.join(wrong)} lie far from where a smooth map puts them and are left out; check the correspondence "
+            "if that surprises you."
+        )
+    if partial:
+        messages.append(
+            f"The pairs of these shapes determine fewer than the {k} functions asked for: {', '.join(partial)}. The "
+            "rest of each known map is a guess by isometry. Give more or better spread pairs, lower n_functions, or "
+            "leave the shapes out."
+        )
+    return messages
+
+
+def warn_of_coverage(known: Sequence[KnownMap], names: Sequence[str], k: int) -> None:
+    """Warn of what `coverage_messages` says."""
+    for message in coverage_messages(known, names, k):
+        warn(message, CoverageWarning)
 
 
 def check_landmarks(shape: ProbedShape, reference: ProbedShape, join: JoinedPairs, k: int) -> int:

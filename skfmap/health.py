@@ -6,9 +6,17 @@ from typing import Any
 
 import numpy as np
 
-from skfmap._ties import first_of_largest
-from skfmap._typing import FloatArray, IntArray
-from skfmap._validation import LARGEST_AREA, LARGEST_COORDINATE, SMALLEST_AREA, as_array, as_reals, has_place, label
+from skfmap._tools.ties import first_of_largest
+from skfmap._tools.types import FloatArray, IntArray
+from skfmap._tools.validation import (
+    LARGEST_AREA,
+    LARGEST_COORDINATE,
+    SMALLEST_AREA,
+    as_array,
+    as_reals,
+    has_place,
+    label,
+)
 from skfmap.exceptions import MeshError
 from skfmap.geometry.faults import (
     boundary_pieces,

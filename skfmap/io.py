@@ -11,8 +11,8 @@ from typing import Any
 
 import numpy as np
 
-from skfmap._typing import FloatArray, IntArray
-from skfmap._validation import check_place, check_samples, has_place, label
+from skfmap._tools.types import FloatArray, IntArray
+from skfmap._tools.validation import check_place, check_samples, has_place, label
 from skfmap.exceptions import MeshError
 from skfmap.geometry.faults import sound_faces
 from skfmap.shapes import Mesh, SkippedShape

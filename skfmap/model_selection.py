@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 from sklearn.model_selection import BaseCrossValidator, check_cv
 
-from skfmap._typing import IntArray
+from skfmap._tools.types import IntArray
 from skfmap.shapes import SkippedShape
 
 __all__ = ["PinnedReference"]

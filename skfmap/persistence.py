@@ -12,7 +12,8 @@ from zipfile import ZIP_STORED, ZipFile
 import numpy as np
 import scipy.sparse as sp
 
-from skfmap._validation import check_place
+from skfmap._tools.validation import check_place
+from skfmap.exceptions import OutdatedModelError
 from skfmap.shapes import Correspondence, Mesh, ProbedShape, SpectralShape
 
 __all__ = ["TRUSTED_TYPES", "load_model", "save_model"]
@@ -20,23 +21,39 @@ __all__ = ["TRUSTED_TYPES", "load_model", "save_model"]
 TRUSTED_TYPES = (
     "scipy.sparse._csc.csc_array",
     "scipy.sparse._csr.csr_array",
+    "skfmap.basis.SpectralBasis",
+    "skfmap.descriptors.curvature.DiffusedCurvature",
+    "skfmap.descriptors.curvature.MeshSaliency",
+    "skfmap.descriptors.oriented.OrientedProducts",
+    "skfmap.descriptors.own_functions.FunctionProbes",
+    "skfmap.descriptors.signatures.HeatKernelSignature",
+    "skfmap.descriptors.signatures.WaveKernelSignature",
+    "skfmap.descriptors.transformer.DescriptorTransformer",
+    "skfmap.functional.regularization.LearnedMask",
+    "skfmap.learner.across.Across",
+    "skfmap.learner.bridged.BridgedLearner",
+    "skfmap.learner.confidence.CrossFitConfidence",
+    "skfmap.learner.error_model.ErrorModel",
+    "skfmap.learner.estimator.WeightedFunctionalMapLearner",
+    "skfmap.learner.matcher.Matcher",
+    "skfmap.learner.matcher.Settings",
+    "skfmap.learner.training_set.FitRecord",
+    "skfmap.refinement.BijectiveZoomOut",
+    "skfmap.refinement.ICP",
+    "skfmap.refinement.ZoomOut",
+    "skfmap.shapes.correspondence.Correspondence",
+    "skfmap.shapes.mesh.Mesh",
+    "skfmap.shapes.probed_shape.ProbedShape",
+    "skfmap.shapes.spectral_shape.SpectralShape",
+    # As files of 0.1.0 name them (skfmap.learner.legacy).
     "skfmap._bridge.Across",
     "skfmap._confidence.ErrorModel",
     "skfmap._matching.Settings",
-    "skfmap.basis.SpectralBasis",
-    "skfmap.descriptors.DescriptorTransformer",
-    "skfmap.descriptors.DiffusedCurvature",
-    "skfmap.descriptors.FunctionProbes",
-    "skfmap.descriptors.HeatKernelSignature",
-    "skfmap.descriptors.MeshSaliency",
-    "skfmap.descriptors.OrientedProducts",
+    *(f"skfmap.descriptors.{name}" for name in ("DescriptorTransformer", "DiffusedCurvature", "FunctionProbes")),
+    *(f"skfmap.descriptors.{name}" for name in ("HeatKernelSignature", "MeshSaliency", "OrientedProducts")),
     "skfmap.descriptors.WaveKernelSignature",
-    "skfmap.functional.regularization.LearnedMask",
     "skfmap.learner.WeightedFunctionalMapLearner",
-    "skfmap.shapes.Correspondence",
-    "skfmap.shapes.Mesh",
-    "skfmap.shapes.ProbedShape",
-    "skfmap.shapes.SpectralShape",
+    *(f"skfmap.shapes.{name}" for name in ("Correspondence", "Mesh", "ProbedShape", "SpectralShape")),
 )
 """What a model of this package is made of beside numbers, texts, containers, arrays and a scikit-learn pipeline."""
 
@@ -51,7 +68,9 @@ _PLAIN_LOADERS = {
     *("ObjectNode", "SparseMatrixNode", "TupleNode", "TypeNode"),
 }
 # Types that are made in one way only: by their own constructor, which checks what it is given.
-_LOADERS_OF = {"skfmap.shapes.Mesh": {"CachedNode", "ConstructorFromReduceNode"}}
+_LOADERS_OF = {
+    name: {"CachedNode", "ConstructorFromReduceNode"} for name in ("skfmap.shapes.mesh.Mesh", "skfmap.shapes.Mesh")
+}
 # Arrays of objects are names of probe functions.
 _TEXT_LOADERS = {"CachedNode", "JsonNode", "ListNode", "TupleNode", "TypeNode"}
 
@@ -116,6 +135,8 @@ def load_model(path: str | Path, *, trusted: Sequence[str] = (), memory: Any = N
         If there is no such file.
     TypeError
         If the file holds types that are not trusted; the message names them.
+    OutdatedModelError
+        If an earlier release saved a model of a kind that must be fitted again.
     ValueError
         If it is not a file of `save_model`, is damaged, or is compressed, so that a small file could fill the memory;
         or if parts of the model do not fit each other.
@@ -148,6 +169,8 @@ def load_model(path: str | Path, *, trusted: Sequence[str] = (), memory: Any = N
         strange = strange or set(skops.get_untrusted_types(data=content)) - allowed
         model = None if strange else skops.loads(content, trusted=sorted(allowed))
         _check_parts(model)
+    except OutdatedModelError:
+        raise
     except Exception as error:
         raise ValueError(
             f"{path} is no sound file of save_model: {type(error).__name__}: {error}. Was it written by joblib or "

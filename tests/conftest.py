@@ -89,6 +89,12 @@ def symmetric_collection():
 
 
 @pytest.fixture(scope="session")
+def make_bodies():
+    """Return the function from (n_vertices, bend) of each body to a collection."""
+    return _collection
+
+
+@pytest.fixture(scope="session")
 def probed(collection):
     """Return the probed shapes of the collection, in its order."""
     return _probed(collection.meshes)

@@ -7,17 +7,19 @@ import pytest
 from sklearn.base import clone
 
 import skfmap
-from skfmap import Correspondence
-from skfmap._bridge import choose_bridge, extend_pairs, pays
+from skfmap import BridgedLearner, Correspondence
 from skfmap.datasets import make_sphere
 from skfmap.geometry.geodesics import exact_distances
+from skfmap.learner import TrainingSet
+from skfmap.learner.across import extend_pairs
+from skfmap.learner.bridged import choose_bridge
 from skfmap.persistence import load_model, save_model
 
 
 @pytest.fixture(scope="module")
 def through(make_learner, probed, collection):
     """Return a learner that is told to go through body2."""
-    return make_learner(bridge="body2").fit(probed[:5], collection.truths[:5])
+    return BridgedLearner(make_learner(), through="body2").fit(probed[:5], collection.truths[:5])
 
 
 def test_known_pairs_are_kept_and_the_rest_lies_between_them():
@@ -80,14 +82,14 @@ def test_matches_through_a_bridge_reach_the_reference(through, make_learner, pro
 
 
 def test_a_bridge_is_dropped_where_it_does_not_pay(make_learner, probed, collection):
-    learner = make_learner(bridge="auto").fit(probed[:5], collection.truths[:5])
-    assert pays(1.0, 0.5)
-    assert not pays(1.0, 0.95)
-    assert (learner.bridge_ is not None) == pays(*(learner.bridge_errors_[way] for way in ("direct", "bridge")))
+    learner = BridgedLearner(make_learner()).fit(probed[:5], collection.truths[:5])
+    direct, bridge = (learner.bridge_errors_[way] for way in ("direct", "bridge"))
+    assert bridge > 0.9 * direct, "these bodies are alike: a detour can only lose"
+    assert learner.bridge_ is None
     plain = make_learner().fit(probed[:5], collection.truths[:5])
-    assert plain.bridge_errors_ == {}
-    if learner.bridge_ is None:
-        np.testing.assert_array_equal(learner.match(probed[5:])[0].p2p, plain.match(probed[5:])[0].p2p)
+    np.testing.assert_array_equal(learner.match(probed[5:])[0].p2p, plain.match(probed[5:])[0].p2p)
+    np.testing.assert_array_equal(learner.point_maps(probed[5:])[0], plain.point_maps(probed[5:])[0])
+    assert learner.score(probed[5:], collection.truths[5:]) == plain.score(probed[5:], collection.truths[5:])
 
 
 def test_a_reference_unlike_the_rest_is_reached_through_a_bridge(make_learner, probe, collection):
@@ -97,30 +99,44 @@ def test_a_reference_unlike_the_rest_is_reached_through_a_bridge(make_learner, p
     directions = ball.vertices / radius
     stretched = skfmap.Mesh(directions * (1 + 0.9 * directions[:, :1] ** 3) * [1, 0.5, 2.0], ball.faces, name="odd")
     shapes = probe([stretched, *collection.meshes[1:5]])
-    learner = make_learner(bridge="auto").fit(shapes, collection.truths[:5])
+    learner = BridgedLearner(make_learner()).fit(shapes, collection.truths[:5])
     assert learner.bridge_errors_["bridge"] < learner.bridge_errors_["direct"]
 
 
-def test_the_bridge_is_the_shape_that_leaves_least(make_learner, probed, collection):
-    learner = make_learner(weighting=None)
+def test_the_bridge_is_the_shape_that_leaves_least(probed, collection):
     truths = collection.truths[:5]
-    training = learner._training(0, probed[:5], truths, np.ones(5))
-    place = choose_bridge(training, truths[1:], 12)
-    assert probed[1 + place].name in {"body1", "body2"}  # twisted by -0.1 and 0.1; the others by 0.15 and -0.15
-    few = learner._training(0, probed[:3], truths[:3], np.ones(3))
-    assert choose_bridge(few, truths[1:3], 12) is None
+    training = TrainingSet.from_samples(probed[:5], truths, n_functions=12)
+    bridge = choose_bridge(training)
+    assert training.shapes[bridge].name in {"body1", "body2"}  # twisted by -0.1 and 0.1; the others by 0.15 and -0.15
+    assert choose_bridge(TrainingSet.from_samples(probed[:3], truths[:3], n_functions=12)) is None
 
 
 @pytest.mark.parametrize("name", ["body0", "nobody"])
 def test_a_bridge_must_be_a_training_shape(make_learner, probed, collection, name):
-    with pytest.raises(ValueError, match=r"bridge=.* must name exactly one of the training shapes"):
-        make_learner(bridge=name, max_iter=3, tol=1e9).fit(probed[:4], collection.truths[:4])
+    learner = make_learner(max_iter=3, tol=1e9, confidence=None)
+    with pytest.raises(ValueError, match=r"through=.* must name exactly one of the training shapes"):
+        BridgedLearner(learner, through=name).fit(probed[:4], collection.truths[:4])
+
+
+def test_a_bridge_is_not_chosen_without_expected_errors(make_learner, probed, collection):
+    with pytest.raises(ValueError, match=r"compares expected errors.*confidence='cross-fit', or name"):
+        BridgedLearner(make_learner(confidence=None)).fit(probed[:4], collection.truths[:4])
+    named = BridgedLearner(make_learner(confidence=None), through="body2").fit(probed[:4], collection.truths[:4])
+    (match,) = named.match(probed[5:])
+    assert match.expected_error is None
+    assert match.familiar is None
+    assert named.bridge_errors_ == {}
+
+
+def test_a_bridged_learner_takes_a_learner(probed, collection):
+    with pytest.raises(TypeError, match="estimator must be a WeightedFunctionalMapLearner; got str"):
+        BridgedLearner("learner").fit(probed[:4], collection.truths[:4])
 
 
 def test_a_learner_with_a_bridge_is_saved_and_cloned(through, probed, tmp_path):
     again = pickle.loads(pickle.dumps(through))
     np.testing.assert_array_equal(again.match(probed[5:])[0].p2p, through.match(probed[5:])[0].p2p)
-    assert clone(through).bridge == "body2"
+    assert clone(through).through == "body2"
 
 
 def test_any_shape_maps_to_any_other_of_the_collection(fitted, probed, collection):

@@ -40,7 +40,7 @@ def calls(monkeypatch):
         monkeypatch.setattr(module, name, counted)
 
     count(skfmap.basis, "laplacian_eigenbasis")
-    count(skfmap.descriptors, "heat_kernel_signature")
+    count(skfmap.descriptors.signatures, "heat_kernel_signature")
     return counts
 
 
@@ -193,7 +193,7 @@ def test_a_search_from_a_cold_cache_computes_each_basis_once_in_two_processes(tm
     joblib.dump((collection.meshes[:5], collection.truths[:5]), tmp_path / "given.joblib")
     told = subprocess.run(command, capture_output=True, text=True, check=True, timeout=300).stdout
     assert told.count("Calling skfmap.basis._eigenbasis") == 5
-    assert told.count("Calling skfmap.descriptors._stacked") == 5 * 2  # two numbers of components
+    assert told.count("Calling skfmap.descriptors.transformer._stacked") == 5 * 2  # two numbers of components
 
 
 def test_an_interruption_keeps_what_is_finished(tmp_path, collection, monkeypatch):

@@ -97,8 +97,12 @@ def test_callbacks_of_a_search_reach_the_learner(make_learner, probed, collectio
     assert ("iteration", 0) in recorder.begun
 
 
-@pytest.mark.parametrize("at", ["learn_functional_maps", "calibrate"])
-def test_an_interrupted_fit_leaves_nothing_behind(at, make_learner, probed, collection, monkeypatch):
+@pytest.mark.parametrize(
+    ("holder", "at"),
+    [(skfmap.learner.TrainingSet, "learn"), (skfmap.learner.CrossFitConfidence, "fit")],
+    ids=["learning", "calibrating"],
+)
+def test_an_interrupted_fit_leaves_nothing_behind(holder, at, make_learner, probed, collection, monkeypatch):
     def interrupt(*arguments, **keywords):
         raise KeyboardInterrupt
 
@@ -107,7 +111,7 @@ def test_an_interrupted_fit_leaves_nothing_behind(at, make_learner, probed, coll
     expected = before.predict(probed)
     learner.set_callbacks(recorder)
     with monkeypatch.context() as patch:
-        patch.setattr(skfmap.learner, at, interrupt)
+        patch.setattr(holder, at, interrupt)
         for interrupted in (learner, before):
             with pytest.raises(KeyboardInterrupt):
                 interrupted.fit(probed[:4], collection.truths[:4])

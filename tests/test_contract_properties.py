@@ -14,12 +14,13 @@ from sklearn.base import clone
 
 import skfmap
 from skfmap import Correspondence, DescriptorTransformer, Mesh, SpectralBasis, check_mesh, repair_mesh
-from skfmap._skipped import expand, given_numbers, sort_out, spread
 from skfmap.datasets import make_sphere
 from skfmap.exceptions import MeshError, OrientationWarning, RepairWarning, SkippedShapeWarning
 from skfmap.io import read_mesh, write_mesh
 from skfmap.metrics import coverage, error_curve, geodesic_error, mean_over_shapes, reference_distances
 from skfmap.shapes import SkippedShape
+from skfmap.shapes.given_vertices import expand, given_numbers
+from skfmap.shapes.usable import pick_usable, put_back
 
 # The same cases in every run; SKFMAP_EXAMPLES=20 for twenty times as many, others each time.
 _MORE = int(os.environ.get("SKFMAP_EXAMPLES", "1"))
@@ -206,7 +207,7 @@ def test_repair_and_skip_never_raise_for_a_shape_that_is_no_reference(damage, rn
 @cases
 def test_skipped_shapes_keep_their_places(pattern):
     X = [SkippedShape(f"s{i}", "broken") if skipped else i for i, skipped in enumerate(pattern)]
-    answers = spread([10 * shape for shape in sort_out(X).shapes], sort_out(X), lambda shape: shape.name)
+    answers = put_back([10 * shape for shape in pick_usable(X).shapes], pick_usable(X), lambda shape: shape.name)
     assert answers == [f"s{i}" if skipped else 10 * i for i, skipped in enumerate(pattern)]
 
 

@@ -79,6 +79,7 @@ def _public():
             "learner",
             "shapes",
             "geometry",
+            "measures",
             "exceptions",
         ):
             public = importlib.import_module(f"skfmap.{module.name}")
@@ -91,7 +92,13 @@ _ELSEWHERE = {
     *("descriptors.DescriptorTransformer", "functional.basis_error", "metrics.ERROR_KINDS", "io.MESH_SUFFIXES"),
     *("report.thin_out", "persistence.TRUSTED_TYPES", "io.as_mesh", "io.as_meshes"),
     *("ground_truth.KnownMap", "ground_truth.join_with_reference", "ground_truth.known_maps"),
-    *("ground_truth.check_landmarks", "health.check_mesh", "health.repair_mesh"),
+    *(
+        "ground_truth.check_landmarks",
+        "ground_truth.coverage_messages",
+        "ground_truth.warn_of_coverage",
+        "health.check_mesh",
+        "health.repair_mesh",
+    ),
     *("io.as_far_as_sound", "io.check_meshes", "io.n_vertices_of", "io.named", "io.read_arrays"),
 }
 

@@ -3,8 +3,11 @@
 import numpy as np
 import pytest
 import scipy.sparse as sp
+from scipy.spatial import ConvexHull
 
 import skfmap.functional.eigenbasis as module
+from skfmap import Mesh, SpectralBasis
+from skfmap.exceptions import SkippedShapeWarning
 from skfmap.functional import laplacian_eigenbasis
 
 
@@ -62,3 +65,42 @@ def test_a_search_that_goes_on_too_long_says_so(monkeypatch):
     stiffness, _ = torus(40, 40)
     with pytest.raises(np.linalg.LinAlgError, match="did not converge"):
         laplacian_eigenbasis(stiffness, np.full(1600, 1 / 1600), 90)
+
+
+def star(n):
+    """Return the Laplacian of a star, whose eigenvalues are 0, n - 2 times 1, and n."""
+    ones = np.ones(n - 1)
+    spokes = [[[[n - 1.0]], -ones[None]], [-ones[:, None], sp.eye_array(n - 1)]]
+    return sp.csc_array(sp.block_array(spokes))
+
+
+def test_a_search_that_runs_out_of_dimensions_says_so(monkeypatch):
+    """Powers of the inverse reach three functions only: the rest of the space is rounding.
+
+    With so many vertices and functions the last block falls between two looks.
+    """
+    monkeypatch.setattr(module, "_FIRST_LOOK", 8.0)  # earlier looks take time and change nothing
+    with pytest.raises(np.linalg.LinAlgError, match=r"did not converge.*after 869"):
+        laplacian_eigenbasis(star(873), np.full(873, 1 / 873), 108)
+
+
+@pytest.mark.parametrize("k", [20, 90])
+@pytest.mark.parametrize("value", [np.inf, np.nan])
+def test_a_laplacian_that_is_not_finite_is_a_failure_of_the_solver(value, k):
+    stiffness = cycle(500).tolil()
+    stiffness[5, 5] = value
+    with pytest.raises(np.linalg.LinAlgError, match="not finite"):
+        laplacian_eigenbasis(sp.csc_array(stiffness), np.full(500, 1 / 500), k)
+
+
+def test_a_mesh_whose_basis_does_not_converge_is_left_out(monkeypatch):
+    """128 functions on 1,034 vertices: the search ends at 1,029 dimensions, between two looks."""
+    monkeypatch.setattr(module, "_TOLERANCE", 0.0)
+    monkeypatch.setattr(module, "_FIRST_LOOK", 8.0)
+    points = np.random.default_rng(0).standard_normal((1034, 3))
+    points /= np.linalg.norm(points, axis=1, keepdims=True)
+    ball = Mesh(points, ConvexHull(points).simplices.astype(np.int64), name="ball")
+    with pytest.warns(SkippedShapeWarning, match="ball"):
+        (skipped,) = SpectralBasis(120, on_invalid="skip").transform([ball])
+    assert "No eigenbasis for mesh 'ball'" in skipped.reason
+    assert "did not converge" in skipped.reason

@@ -99,6 +99,15 @@ def test_map_does_not_depend_on_the_sign_of_the_weights():
     np.testing.assert_allclose(problem.solve(weights), problem.solve(np.abs(weights)), atol=1e-12)
 
 
+def test_the_floor_shrinks_what_probes_see_and_settles_what_none_sees():
+    """One probe, a mask of nil: (1 + alpha delta) C_11 = 2, and all else has its minimum at 0."""
+    probes_0, probes_i, evals = np.zeros((3, 1)), np.zeros((3, 1)), np.arange(3.0)
+    probes_0[1], probes_i[1] = 1.0, 2.0
+    penalty = penalty_of(evals, evals, 100.0, lambda evals_i, evals_0: np.zeros((3, 3)))
+    C = solve_functional_map(probes_0, probes_i, penalty, np.ones(1))
+    np.testing.assert_allclose(C, np.diag([1, 2 / (1 + 100 * 1e-5), 0]), atol=1e-15)
+
+
 def test_scaling_weights_is_dividing_alpha_by_the_square():
     rng = np.random.default_rng(6)
     g_0, g_i = (scale_by(g, g, "shape") for g in rng.standard_normal((2, 6, 8)))
@@ -377,6 +386,21 @@ def test_the_learned_mask_is_larger_where_known_maps_are_smaller():
         learned_mask(np.random.default_rng(0).standard_normal((4, 12, 12)), share).mask,
         learned_mask(np.random.default_rng(0).standard_normal((4, 12, 12))[:1]).mask,
     )
+
+
+def test_the_learned_mask_is_its_closed_form():
+    """Against a Gaussian of standard deviation 1 written out, whose border entries repeat."""
+    k, share = 9, np.array([1.0, 2.0, 0.5])
+    maps = 0.1 * np.random.default_rng(1).standard_normal((3, k, k))
+    offsets = np.arange(-4, 5)
+    bell = np.exp(-(offsets**2) / 2)
+    average = np.zeros((k, k))
+    for row in range(k):
+        np.add.at(average[row], np.clip(row + offsets, 0, k - 1), bell / bell.sum())
+    variance = average @ np.average(maps**2, axis=0, weights=share) @ average.T
+    expected = 1e-3 / (variance + 1e-4)
+    np.testing.assert_allclose(learned_mask(maps, share).mask ** 2, expected, rtol=1e-12)
+    np.testing.assert_allclose(learned_mask(np.zeros((1, k, k))).mask ** 2, 10, rtol=1e-12)
 
 
 @pytest.mark.parametrize("regularizer", ["resolvent", "learned"])

@@ -9,7 +9,6 @@ from skfmap import Correspondence, Mesh, SpectralBasis
 from skfmap.datasets import make_sphere
 from skfmap.exceptions import DisagreementWarning, MeshError, SkippedShapeWarning, StabilityWarning
 from skfmap.functional import RowSystems, learn_functional_maps
-from skfmap.learner import _warn_of_instability
 from skfmap.shapes import SkippedShape
 
 
@@ -104,17 +103,6 @@ def test_errors_of_training_shapes_are_those_of_matches_left_out(probed, collect
         (errors,) = other.pair_errors([probed[left_out]], [collection.truths[left_out]])
         # There, errors are seen at some of the landmarks and by heat distances.
         assert learner.training_errors_[left_out] == pytest.approx(errors.direct.mean(), rel=0.3)
-
-
-def test_weights_at_their_bounds_are_told(fitted):
-    known = np.stack([np.eye(12)] * 4)
-    for logs, told in (
-        ([7.0, 7, 0], "upper bound of the search; lower alpha"),
-        ([-7.0, -7, 0], "lower .*; raise alpha"),
-    ):
-        attributes = {**vars(fitted), "weights_": np.exp(logs)}
-        with pytest.warns(StabilityWarning, match=f"2 of 3 weights are at the {told}"):
-            _warn_of_instability(attributes, known)
 
 
 @pytest.mark.filterwarnings("ignore::skfmap.exceptions.DisagreementWarning")

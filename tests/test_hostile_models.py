@@ -170,10 +170,12 @@ def test_a_mesh_is_made_by_its_constructor_alone(saved, tmp_path):
     """One that is put together from a state would not be checked, and could bring a hash of its own."""
     members = _members(saved)
     schema = json.loads(members["schema.json"])
-    spectral = schema["content"]["content"]["reference_"]["content"]["content"]["spectral"]["content"]["content"]
+    spectral = schema["content"]["content"]["matcher_"]["content"]["content"]["reference"]["content"]["content"][
+        "spectral"
+    ]["content"]["content"]
     spectral["mesh"] |= {"__loader__": "ObjectNode"}
     members["schema.json"] = json.dumps(schema).encode()
-    with pytest.raises(TypeError, match=r"no part of a model of skfmap: skfmap.shapes.Mesh\."):
+    with pytest.raises(TypeError, match=r"no part of a model of skfmap: skfmap.shapes.mesh.Mesh\."):
         load_model(_write(tmp_path / "model.skops", members))
 
 
@@ -243,10 +245,10 @@ def _out_of_range(array):
 @pytest.mark.parametrize(
     ("path", "change", "message"),
     [
-        (["reference_", "spectral", "evecs"], lambda a: a[:-1], "eigenfunctions"),
-        (["reference_", "spectral", "evals"], lambda a: a[:-1], "probes"),
-        (["reference_", "spectral", "mass"], lambda a: a.astype(complex), "mass"),
-        (["reference_", "probes"], lambda a: a.T[:2], "probes"),
+        (["matcher_", "reference", "spectral", "evecs"], lambda a: a[:-1], "eigenfunctions"),
+        (["matcher_", "reference", "spectral", "evals"], lambda a: a[:-1], "probes"),
+        (["matcher_", "reference", "spectral", "mass"], lambda a: a.astype(complex), "mass"),
+        (["matcher_", "reference", "probes"], lambda a: a.T[:2], "probes"),
     ],
     ids=["evecs", "evals", "mass", "probes"],
 )

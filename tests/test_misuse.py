@@ -11,6 +11,7 @@ from sklearn.pipeline import make_pipeline
 
 import skfmap
 from skfmap import (
+    BridgedLearner,
     Correspondence,
     DescriptorTransformer,
     Mesh,
@@ -69,8 +70,11 @@ def broken(collection):
 def model_that(collection, memory):
     """Return a function that fits a pipeline with `on_invalid` on the first bodies."""
 
-    def make(on_invalid, meshes=None, truths=None, **parameters):
-        learner = WeightedFunctionalMapLearner(n_functions=10, weighting="category", tol=1e-2, memory=memory, **parameters)
+    def make(on_invalid, meshes=None, truths=None, through=None, **parameters):
+        learner = WeightedFunctionalMapLearner(
+            n_functions=10, weighting="category", tol=1e-2, memory=memory, **parameters
+        )
+        learner = learner if through is None else BridgedLearner(learner, through)
         basis = SpectralBasis(20, on_invalid=on_invalid, memory=memory)
         model = make_pipeline(basis, DescriptorTransformer(memory=memory), learner)
         return model.fit(meshes or collection.meshes[:4], truths or collection.truths[:4])
@@ -143,8 +147,8 @@ def test_a_bridge_and_mended_shapes(model_that, broken, collection, bridge):
     (mesh, truth), (new, _) = broken[1], broken[5]
     meshes = [collection.meshes[0], mesh, *collection.meshes[2:5]]
     with pytest.warns(RepairWarning):
-        model = model_that("repair", meshes, [collection.truths[0], truth, *collection.truths[2:5]], bridge=bridge)
-    plain = model_that("raise", collection.meshes[:5], collection.truths[:5], bridge=bridge.replace("loose", "body"))
+        model = model_that("repair", meshes, [collection.truths[0], truth, *collection.truths[2:5]], through=bridge)
+    plain = model_that("raise", collection.meshes[:5], collection.truths[:5], through=bridge.replace("loose", "body"))
     with pytest.warns(RepairWarning):
         (match,) = skfmap.match(model, [new])
     (expected,) = skfmap.match(plain, collection.meshes[5:])
@@ -449,7 +453,10 @@ def _fits(**parameters):
         (_fits(weighting=[[1]] * 105), "labels of weighting must be texts or numbers"),
         (_fits(regularizer=lambda a, b: np.full((len(a), len(b)), 1j)), "finite real values"),
         (_fits(reference=np.array(["a", "b"])), "reference must be the name of a shape"),
-        (_fits(bridge=3), "bridge must be the name of a shape"),
+        (
+            lambda p, t, make: BridgedLearner(make(), through=3).fit(p[:3], t[:3]),
+            "through must be 'auto' or the name of a training shape; got 3",
+        ),
         (_fits(n_jobs=0), "n_jobs must be None or an integer"),
         (lambda p, t, make: make().fit(p[:3], t[:3], sample_weight="ab"), "sample_weight must hold real numbers"),
         (lambda p, t, make: make().fit(p[:3], t[:3], sample_weight={1: 2}), "sample_weight must hold real numbers"),

@@ -11,8 +11,6 @@ from sklearn.model_selection import GridSearchCV, LeaveOneOut
 
 import skfmap
 from skfmap import Mesh, WeightedFunctionalMapLearner
-from skfmap._confidence import count_supporting
-from skfmap._matching import match_points
 from skfmap.functional import (
     map_from_point_maps,
     nearest_on_triangles,
@@ -21,6 +19,7 @@ from skfmap.functional import (
     stable_basis,
     trusted_functions,
 )
+from skfmap.learner.signs import count_supporting
 from skfmap.metrics import coverage
 from skfmap.model_selection import PinnedReference
 
@@ -253,8 +252,8 @@ def test_functions_that_are_not_on_the_reference_are_refused(refined, probed, wr
 
 
 def test_stable_functions_support_good_matches_more(refined, probed):
-    matcher = refined._matcher(refine=None)
-    match, _ = match_points(matcher, probed[5])
+    matcher = refined.matcher_
+    match, _ = matcher.match(probed[5], matcher.solve(probed[5]).C)
     shuffled = match._replace(p2p=np.random.default_rng(0).permutation(match.p2p))
     right, wrong = (count_supporting(matcher, probed[5], one) for one in (match, shuffled))
     assert 0 <= wrong.min() <= right.max() <= 8

@@ -122,16 +122,55 @@ def test_shared_penalties_need_one_factor_for_each_row():
         np.testing.assert_allclose(one, RowSystems(gram, penalty).solve(b), atol=1e-12)
 
 
+@pytest.fixture
+def decomposed(monkeypatch):
+    """Return a list that grows with each use of one decomposition for all shapes."""
+    uses, solve = [], QuadraticSystems.solve
+
+    def counted(self, *arguments):
+        uses.append(len(arguments[0]))
+        return solve(self, *arguments)
+
+    monkeypatch.setattr(QuadraticSystems, "solve", counted)
+    return uses
+
+
 @pytest.mark.parametrize("regularizer", [*QUADRATIC, "learned"])
-def test_loss_and_gradient_do_not_depend_on_how_rows_are_solved(regularizer):
+def test_loss_and_gradient_do_not_depend_on_how_rows_are_solved(regularizer, decomposed):
     rng = np.random.default_rng(3)
     problem = make_problem(rng, regularizer=regularizer)
     weights = np.exp(rng.standard_normal(20))
-    loss, gradient = problem.loss_gradient(weights, 0.1)
     other_loss, other_gradient = row_by_row(problem).loss_gradient(weights, 0.1)
+    assert not decomposed
+    loss, gradient = problem.loss_gradient(weights, 0.1)
+    assert bool(decomposed) == (regularizer in QUADRATIC)
     assert loss == pytest.approx(other_loss, rel=1e-9)
     np.testing.assert_allclose(gradient, other_gradient, atol=1e-8 * np.abs(other_gradient).max())
     np.testing.assert_allclose(problem.solve(weights), row_by_row(problem).solve(weights), atol=1e-8)
+
+
+@pytest.mark.parametrize("regularizer", QUADRATIC)
+@pytest.mark.parametrize("route", ["decomposition", "rows"])
+def test_the_gradient_of_each_route_is_the_slope_of_the_loss(route, regularizer, decomposed):
+    rng = np.random.default_rng(10)
+    problem = make_problem(rng, regularizer=regularizer)
+    if route == "rows":
+        problem = row_by_row(problem)
+    log_squares, direction = rng.standard_normal((2, 20))
+
+    def loss(step):
+        return problem.loss(np.exp((log_squares + step * direction) / 2), 0.1)
+
+    _, gradient = problem.loss_gradient(np.exp(log_squares / 2), 0.1)
+    # The central difference of fourth order.
+    numeric = (8 * (loss(1e-3) - loss(-1e-3)) - (loss(2e-3) - loss(-2e-3))) / 12e-3
+    assert (gradient * np.exp(log_squares)) @ direction == pytest.approx(numeric, rel=1e-7)
+    assert bool(decomposed) == (route == "decomposition")
+
+
+def test_few_shapes_are_solved_row_by_row(decomposed):
+    make_problem(np.random.default_rng(11), n=3, k=10).loss_gradient(np.ones(20), 0.1)
+    assert not decomposed
 
 
 def test_threads_change_nothing_to_the_last_bit():

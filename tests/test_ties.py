@@ -4,14 +4,14 @@ import numpy as np
 import pytest
 
 from skfmap import DescriptorTransformer, Mesh, SpectralBasis, repair_mesh
-from skfmap._matching import _nearest as nearest_of
-from skfmap._medoid import medoid_index
-from skfmap._ties import first_of_largest, first_of_least, is_constant
+from skfmap._tools.ties import first_of_largest, first_of_least, is_constant
 from skfmap.datasets import make_sphere
 from skfmap.descriptors import OrientedProducts
 from skfmap.functional.eigenbasis import fix_signs
 from skfmap.functional.stable_basis import stable_basis
 from skfmap.geometry.geodesics import farthest_vertices
+from skfmap.learner.medoid import medoid_index
+from skfmap.refinement import nearest as nearest_of
 
 
 @pytest.fixture(scope="module")

@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from skfmap._typing import FloatArray
+from skfmap._tools.types import FloatArray
 
 __all__ = ["BODIES", "PARTS", "Body", "Part"]
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from skfmap._typing import FloatArray
+from skfmap._tools.types import FloatArray
 from skfmap.datasets._creature_body import PARTS, Body
 
 __all__ = ["capsule_distance", "gradient", "mirror", "part_distances", "project", "signed_distance"]

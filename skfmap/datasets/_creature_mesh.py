@@ -4,7 +4,7 @@ import numpy as np
 import scipy.sparse as sp
 from scipy.spatial.transform import Rotation
 
-from skfmap._typing import FloatArray, IntArray
+from skfmap._tools.types import FloatArray, IntArray
 from skfmap.datasets._creature_body import Body
 from skfmap.datasets._creature_field import gradient, project, signed_distance
 from skfmap.datasets._edge_flips import flip_edges

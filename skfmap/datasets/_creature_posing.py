@@ -7,7 +7,7 @@ import numpy as np
 from scipy.spatial.distance import cdist
 from scipy.spatial.transform import Rotation
 
-from skfmap._typing import FloatArray
+from skfmap._tools.types import FloatArray
 from skfmap.datasets._creature_body import PARTS, Body
 from skfmap.datasets._creature_field import mirror, part_distances, project
 

@@ -9,8 +9,8 @@ from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 from sklearn.utils import Bunch
 
-from skfmap._typing import FloatArray
-from skfmap._validation import check_choice, check_number, read_only
+from skfmap._tools.types import FloatArray
+from skfmap._tools.validation import check_choice, check_number, read_only
 from skfmap.datasets._creature_body import BODIES
 from skfmap.datasets._creature_field import mirror
 from skfmap.datasets._creature_mesh import mesh_body

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from skfmap._typing import BoolArray, FloatArray, IntArray
+from skfmap._tools.types import BoolArray, FloatArray, IntArray
 
 __all__ = ["flip_edges"]
 

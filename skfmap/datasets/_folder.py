@@ -8,12 +8,12 @@ from typing import Any, NamedTuple
 import numpy as np
 from sklearn.utils import Bunch
 
-from skfmap._skipped import warn_of_repairs, warn_of_skipped
-from skfmap._typing import FloatArray, IntArray
-from skfmap._validation import check_choice, check_index_range
+from skfmap._tools.types import FloatArray, IntArray
+from skfmap._tools.validation import check_choice, check_index_range
 from skfmap.exceptions import CorrespondenceError, MeshError
 from skfmap.io import MESH_SUFFIXES, as_far_as_sound, n_vertices_of, read_arrays
 from skfmap.shapes import Correspondence, Mesh, SkippedShape
+from skfmap.shapes.usable import warn_of_repairs, warn_of_skipped
 
 __all__ = ["load_collection"]
 

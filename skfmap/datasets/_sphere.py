@@ -1,6 +1,6 @@
 """A sphere, for examples and closed forms."""
 
-from skfmap._validation import check_number
+from skfmap._tools.validation import check_number
 from skfmap.geometry.sphere import subdivided_octahedron
 from skfmap.shapes import Mesh
 

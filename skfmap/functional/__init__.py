@@ -2,7 +2,7 @@
 
 from skfmap.functional.eigenbasis import laplacian_eigenbasis
 from skfmap.functional.embedding import spectral_embeddings
-from skfmap.functional.fmap import solve_functional_map
+from skfmap.functional.fmap import MapEquation, solve_functional_map
 from skfmap.functional.ground_truth import GroundTruth, map_from_pairs
 from skfmap.functional.learning import LearnedMaps, learn_functional_maps
 from skfmap.functional.norm import epsilon_by_rule, rank_norm, rank_norm_and_gradient
@@ -34,6 +34,7 @@ __all__ = [
     "LearnedMaps",
     "LearnedMask",
     "LearningProblem",
+    "MapEquation",
     "Optimum",
     "PenaltyQuadratic",
     "QuadraticSystems",

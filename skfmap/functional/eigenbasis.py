@@ -5,22 +5,35 @@ import scipy.linalg
 import scipy.sparse as sp
 from scipy.sparse.linalg import splu
 
-from skfmap._ties import ROUNDING, first_of_largest
-from skfmap._typing import FloatArray, SparseMatrix
+from skfmap._tools.ties import ROUNDING, first_of_largest
+from skfmap._tools.types import FloatArray, SparseMatrix
 
 __all__ = ["fix_signs", "laplacian_eigenbasis"]
 
-# The inverse iteration is shifted to well below the first non-zero eigenvalue of a surface of unit area.
+# The inverse iteration is shifted to well below the first non-zero eigenvalue of a surface of
+# unit area: 25 on a sphere, 6 to 7 on TOSCA's cats, where any shift from 1e-6 to 10 needs as many
+# vectors.
 _SHIFT = 0.01
-# Vectors at a time: a few share the work of a triangular solve, many need more of them.
+# Vectors at a time share a triangular solve, but need more of them in all (docs/speed.rst,
+# "Bases"): of a cat, 128 functions take 2.5, 2.9, 3.6 and 4.5 dimensions each by blocks of 1, 4,
+# 8 and 16.
 _BLOCK = 4
-# Residual |A v - lambda v| of unit vectors, relative to max(lambda, 1), at which a function counts as found.
+# Residual |A v - lambda v| of unit vectors, relative to max(lambda, 1), at which a function counts
+# as found: what ARPACK leaves as well (docs/speed.rst, "Bases").
 _TOLERANCE = 1e-10
-# Smaller problems, and those that need a large part of all eigenfunctions, are solved as dense ones.
+# Smaller problems, and those that need a large part of all eigenfunctions, are solved as dense
+# ones. Random balls take as long either way for about 1/30 of all functions at 300 vertices, 1/11
+# at 1,000 and 1/7 at 2,000.
 _SMALL = 300
 _LARGE_PART = 8
-# Dimensions of the Krylov space per function wanted: how many to begin looking at, and how many to give up at.
-_FIRST_LOOK, _MOST = 2.0, 8.0
+# Dimensions of the Krylov space per function wanted: how many to begin looking at, and how many,
+# and some more, to give up at. A cat needs 5.3 (16 functions), 4.2 (32), 2.9 (128) and 2.6 (256).
+_FIRST_LOOK, _MOST, _SOME_MORE = 2.0, 8.0, 100
+# Looks are a twelfth of the functions wanted apart: 128 of a cat are found at the eleventh.
+_LOOKS = 12
+# Share of the integral of |f|^3 below which that of f^3 is rounding: antisymmetric functions of a
+# symmetric ellipsoid leave 1e-12, its others 0.009, those of the cats 5e-5 and more.
+_NIL_SKEWNESS = 1e-6
 
 
 def laplacian_eigenbasis(stiffness: SparseMatrix, mass: FloatArray, n_components: int) -> tuple[FloatArray, FloatArray]:
@@ -48,7 +61,7 @@ def laplacian_eigenbasis(stiffness: SparseMatrix, mass: FloatArray, n_components
     Raises
     ------
     numpy.linalg.LinAlgError
-        If the iteration does not converge.
+        If the iteration does not converge, or the Laplacian is not finite.
 
     Examples
     --------
@@ -65,6 +78,10 @@ def laplacian_eigenbasis(stiffness: SparseMatrix, mass: FloatArray, n_components
     root = np.sqrt(mass)
     scale = sp.diags_array(1 / root)
     symmetric = sp.csc_array(scale @ stiffness @ scale)
+    if not np.isfinite(symmetric.data).all():
+        raise np.linalg.LinAlgError(
+            "its Laplacian is not finite, as of faces without area or coordinates without digits"
+        )
     if len(mass) <= max(_SMALL, _LARGE_PART * n_components):
         evals, vectors = np.linalg.eigh(symmetric.toarray())
         evals, vectors = evals[:n_components], vectors[:, :n_components]
@@ -86,15 +103,17 @@ def _block_lanczos(A: SparseMatrix, null: FloatArray, n_wanted: int) -> tuple[Fl
     n = len(null)
     shifted = sp.csc_array(A + _SHIFT * sp.eye_array(n))
     solver = splu(shifted, permc_spec="COLAMD", diag_pivot_thresh=0.0, options={"SymmetricMode": True})
-    most = min(n - _BLOCK, int(_MOST * n_wanted) + 100)
+    most = min(n - _BLOCK, int(_MOST * n_wanted) + _SOME_MORE)
+    # One block more than is looked at: the last one is written, but not used.
     Q = np.empty((n, most + _BLOCK), order="F")  # columns are touched as they are needed
     Q[:, 0] = null / np.linalg.norm(null)
     block = np.random.default_rng(0).standard_normal((n, _BLOCK))
     Q[:, 1 : 1 + _BLOCK] = _orthonormal(block - np.outer(Q[:, 0], Q[:, 0] @ block))[0]
-    H = np.zeros((most + _BLOCK, most + _BLOCK))
+    H = np.zeros((most, most))
     H[0, 0] = 1 / _SHIFT
-    begin, end, look = 1, 1 + _BLOCK, int(_FIRST_LOOK * n_wanted)
-    while True:
+    look = int(_FIRST_LOOK * n_wanted)
+    for end in range(1 + _BLOCK, most + 1, _BLOCK):
+        begin, is_last = end - _BLOCK, end + _BLOCK > most
         W = np.asarray(solver.solve(np.ascontiguousarray(Q[:, begin:end])))
         near = slice(max(0, begin - _BLOCK), end)  # K is symmetric: nothing else is left but rounding
         H[near, begin:end] = Q[:, near].T @ W
@@ -102,18 +121,15 @@ def _block_lanczos(A: SparseMatrix, null: FloatArray, n_wanted: int) -> tuple[Fl
         W -= Q[:, near] @ H[near, begin:end]
         W -= Q[:, :end] @ (Q[:, :end].T @ W)
         new, coupling = _orthonormal(W)
-        if end >= look:
+        if end >= look or is_last:
             theta, s = scipy.linalg.eigh(H[:end, :end], subset_by_index=(end - n_wanted, end - 1))
             errors = np.linalg.norm(coupling @ s[begin:end], axis=0) / theta**2
             if (errors <= _TOLERANCE * np.maximum(1 / theta, 1)).all():
                 return _rayleigh_ritz(A, solver.solve(Q[:, :end] @ (s / theta)))
-            if end + _BLOCK > most:
-                raise np.linalg.LinAlgError(
-                    f"the eigen-solver did not converge: residual {errors.max():.1g} after {end} vectors"
-                )
-            look = end + max(_BLOCK, n_wanted // 12)
+            look = end + max(_BLOCK, n_wanted // _LOOKS)
         Q[:, end : end + _BLOCK] = new
-        begin, end = end, end + _BLOCK
+    reached = f"residual {errors.max():.1g} after {end} vectors"
+    raise np.linalg.LinAlgError(f"the eigen-solver did not converge: {reached}")
 
 
 def _orthonormal(block: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -137,5 +153,5 @@ def fix_signs(evecs: FloatArray, mass: FloatArray) -> FloatArray:
     cubes = evecs * evecs * evecs
     skewness, size = mass @ cubes, mass @ np.abs(cubes)
     largest = np.array([column[first_of_largest(np.abs(column), ROUNDING)] for column in evecs.T])
-    deciding = np.where(np.abs(skewness) > 1e-6 * size, skewness, largest)
+    deciding = np.where(np.abs(skewness) > _NIL_SKEWNESS * size, skewness, largest)
     return np.asarray(np.where(deciding < 0, -evecs, evecs))

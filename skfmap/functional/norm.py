@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from skfmap._typing import FloatArray
+from skfmap._tools.types import FloatArray
 
 __all__ = ["epsilon_by_rule", "rank_norm", "rank_norm_and_gradient"]
 

@@ -2,9 +2,13 @@
 
 import numpy as np
 
-from skfmap._typing import FloatArray
+from skfmap._tools.types import FloatArray
 
 __all__ = ["centre", "scale_by", "scales_of"]
+
+# Share of its norm that is left of a constant function: 4e-14 in 120 eigenfunctions of TOSCA's
+# cats, whose most constant probe has 0.017.
+_ROUNDING = 1e-12
 
 
 def centre(probes: FloatArray) -> FloatArray:
@@ -21,7 +25,7 @@ def scales_of(probes: FloatArray) -> FloatArray:
     the number of probes.
     """
     norms = np.linalg.norm(probes[1:], axis=0)
-    nil = norms <= 1e-12 * np.linalg.norm(probes, axis=0)
+    nil = norms <= _ROUNDING * np.linalg.norm(probes, axis=0)
     return np.where(nil, 0.0, 1 / (np.where(nil, 1.0, norms) * np.sqrt(probes.shape[1])))
 
 

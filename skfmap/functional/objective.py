@@ -3,11 +3,11 @@
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
-from typing import Any
+from typing import TypeVar
 
 import numpy as np
 
-from skfmap._typing import FloatArray
+from skfmap._tools.types import FloatArray
 from skfmap.functional.norm import rank_norm_and_gradient
 from skfmap.functional.quadratic_systems import QuadraticSystems
 from skfmap.functional.regularization import PenaltyQuadratic
@@ -15,18 +15,24 @@ from skfmap.functional.row_systems import RowSystems, SharedRowSystems
 
 __all__ = ["LearningProblem"]
 
-# Rows of functional maps at a time, and numbers in their factors: memory stays bounded however many shapes there are.
+# Rows of functional maps at a time, and numbers in their factors (64 MB): memory stays bounded
+# however many shapes there are. 300 shapes, 100 functions and 310 probes peak at 0.4 GiB
+# (docs/speed.rst).
 _MOST_ROWS = 512
 _MOST_NUMBERS = 8_000_000
-# Few shapes are divided as well, so that there is something to do for each thread; below so many numbers in all maps,
-# starting threads costs more than they save.
+# Few shapes are divided as well, so that there is something to do for each thread. Two threads
+# save nothing with 75,000 numbers in all maps, and 13 % with 100,000 (docs/speed.rst, "Loss and
+# gradient").
 _N_CHUNKS = 4
 _FEW = 100_000
-# From so many shapes times k^2 on, one decomposition for all shapes is faster than factorisations row by row.
+# From so many numbers in all maps on, one decomposition for all shapes is faster than
+# factorisations row by row: 2.3 times with 12,000 and k = 20; with k = 50, 0.8 times with 12,000
+# and 3 with 24,000; with k = 100, 0.7 times with 9,801 and 1.2 with 19,602.
 _MANY = 12_000
 
 # Solves the row systems of some shapes for right-hand sides of shape (n_shapes, k - 1, k - 1).
 Solver = Callable[[FloatArray], FloatArray]
+_Result = TypeVar("_Result")
 
 
 @dataclass(frozen=True, eq=False)
@@ -124,7 +130,7 @@ class LearningProblem:
 
         return factorised
 
-    def _over_chunks(self, function: Callable[[slice], Any]) -> list[Any]:
+    def _over_chunks(self, function: Callable[[slice], _Result]) -> list[_Result]:
         n_shapes, k, _ = self.maps.shape
         size = max(1, min(_MOST_ROWS, _MOST_NUMBERS // k**2) // k)
         size = min(size, -(-n_shapes // _N_CHUNKS))

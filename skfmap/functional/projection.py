@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from skfmap._typing import FloatArray
+from skfmap._tools.types import FloatArray
 
 __all__ = ["diffuse", "project"]
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from skfmap._typing import FloatArray, IntArray
+from skfmap._tools.types import FloatArray, IntArray
 
 __all__ = ["map_from_point_maps", "nearest_orthogonal"]
 

@@ -7,14 +7,21 @@ mapped worse than others (section 4.1 of the paper), and a map cut to k function
 
 import numpy as np
 
-from skfmap._typing import FloatArray
+from skfmap._tools.types import FloatArray
 
 __all__ = ["residual_covariance", "trusted_functions"]
 
-# Added to the eigenvalues of a covariance, as a share of their mean: no function is trusted without limit.
+# Added to the eigenvalues of a covariance, as a share of their mean: no function is trusted
+# without limit. Errors of TOSCA's cats left out, times 100, matched and refined (bijective
+# ZoomOut), with 0.05: 3.01, 1.83; with 0.2: 3.09, 1.76; with 0.5: 3.19, 1.77.
 _FLOOR = 0.2
-# A pair that alone decides where its map puts it says nothing; its leverage is held below this.
+# A pair that alone decides where its map puts it says nothing: residuals are enlarged ten times
+# at most. Of the cats' pairs, one in a hundred is held at two landmarks per function, none at
+# three.
 _MOST_LEVERAGE = 0.9
+# Eigenvalues of a Gram matrix, as a share of its largest, that are nil to rounding: what no pair
+# sees.
+_UNSEEN = 1e-10
 
 
 def residual_covariance(
@@ -46,7 +53,7 @@ def residual_covariance(
     """
     residuals = evecs_i @ C - evecs_0
     if leverage_of is not None:
-        inverse = np.linalg.pinv(leverage_of, rcond=1e-10, hermitian=True)
+        inverse = np.linalg.pinv(leverage_of, rcond=_UNSEEN, hermitian=True)
         leverage = areas * ((evecs_i @ inverse) * evecs_i).sum(axis=1)
         residuals = residuals / (1 - np.minimum(leverage, _MOST_LEVERAGE))[:, None]
     covariance = (areas[:, None] * residuals).T @ residuals / areas.sum()
@@ -56,8 +63,9 @@ def residual_covariance(
 def trusted_functions(covariance: FloatArray) -> FloatArray:
     """Return functions on S_0 in which points are matched, each scaled by how far it can be trusted.
 
-    The eigenvectors v of the covariance, each divided by its eigenvalue plus a floor, so that a difference between two
-    points counts less where maps are known to err. A function without error has weight 1.
+    The eigenvectors v of the covariance, each divided by its eigenvalue plus a floor, so that a
+    difference between two points counts less where maps are known to err. A function without error
+    has weight 1.
 
     Parameters
     ----------
@@ -68,6 +76,13 @@ def trusted_functions(covariance: FloatArray) -> FloatArray:
     -------
     functions : ndarray of shape (k, k)
         Coefficients in the eigenfunctions of S_0, one function per column, most trusted first.
+
+    Notes
+    -----
+    Division by the square root would make distances those of Mahalanobis, the likelihood of
+    Gaussian residuals. It matches worse: the errors of TOSCA's cats left out in turn are 0.0309
+    with the eigenvalue and 0.0333 with its root, refined (bijective ZoomOut) 0.0176 and 0.0184;
+    with the best of other floors for the root 0.0314 and 0.0179.
     """
     eigenvalues, vectors = np.linalg.eigh(covariance)
     floor = _FLOOR * float(eigenvalues.mean())

@@ -3,7 +3,7 @@ r"""The row systems of equation (2), one factorisation for each; or one for all 
 import numpy as np
 from scipy.linalg.lapack import dpotrf, dpotrs
 
-from skfmap._typing import FloatArray
+from skfmap._tools.types import FloatArray
 
 __all__ = ["RowSystems", "SharedRowSystems"]
 

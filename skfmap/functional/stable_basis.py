@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from skfmap._ties import ROUNDING, first_of_largest
-from skfmap._typing import FloatArray
+from skfmap._tools.ties import ROUNDING, first_of_largest
+from skfmap._tools.types import FloatArray
 
 __all__ = ["basis_error", "stable_basis"]
 

@@ -2,9 +2,14 @@
 
 import numpy as np
 
-from skfmap._typing import FloatArray
+from skfmap._tools.types import FloatArray
 
 __all__ = ["nearest_on_triangles"]
+
+# Squared sine of a corner's angle. Below it, twelve of sixteen digits of the determinant are
+# rounding, and all of the triangle is within 1e-6 of its length of its edges, which are searched
+# too.
+_FLAT = 1e-12
 
 
 def nearest_on_triangles(points: FloatArray, corners: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -61,7 +66,7 @@ def _inside(points: FloatArray, corners: FloatArray) -> FloatArray:
     uu, uv, vv = (u * u).sum(axis=1), (u * v).sum(axis=1), (v * v).sum(axis=1)
     uw, vw = (u * w).sum(axis=1), (v * w).sum(axis=1)
     determinant = uu * vv - uv**2
-    usable = determinant > 1e-12 * uu * vv
+    usable = determinant > _FLAT * uu * vv
     scale = np.where(usable, determinant, 1.0)
     second, third = (vv * uw - uv * vw) / scale, (uu * vw - uv * uw) / scale
     feet = np.stack([1 - second - third, second, third], axis=1)

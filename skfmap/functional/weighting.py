@@ -4,7 +4,7 @@ from collections.abc import Hashable, Sequence
 
 import numpy as np
 
-from skfmap._typing import IntArray
+from skfmap._tools.types import IntArray
 
 __all__ = ["WEIGHTINGS", "check_weighting", "coarse_groups", "weight_groups"]
 

@@ -3,7 +3,7 @@
 import igl
 import numpy as np
 
-from skfmap._typing import BoolArray, FloatArray, IntArray, SparseMatrix
+from skfmap._tools.types import BoolArray, FloatArray, IntArray, SparseMatrix
 from skfmap.geometry.faults import boundary_vertices, degenerate_faces, edges_of
 from skfmap.geometry.normals import vertex_normals
 

@@ -3,8 +3,8 @@
 import numpy as np
 import scipy.sparse as sp
 
-from skfmap._typing import BoolArray, FloatArray, IntArray
-from skfmap._validation import has_place
+from skfmap._tools.types import BoolArray, FloatArray, IntArray
+from skfmap._tools.validation import has_place
 
 __all__ = [
     "boundary_pieces",
@@ -23,6 +23,12 @@ __all__ = [
     "sound_faces",
     "unreferenced_vertices",
 ]
+
+
+# Area over squared longest edge (half the height over that edge) of a face that has none.
+# Cotangents of 1e10 leave six of sixteen digits to those that they are added to. TOSCA's cats
+# have 6e-4 and more.
+_NO_AREA = 1e-10
 
 
 def unreferenced_vertices(faces: IntArray, n_vertices: int) -> IntArray:
@@ -51,7 +57,7 @@ def degenerate_faces(vertices: FloatArray, faces: IntArray) -> IntArray:
     edges = np.roll(corners, -1, axis=1) - corners
     area = np.linalg.norm(np.cross(edges[:, 0], edges[:, 1]), axis=1) / 2
     longest = (edges**2).sum(axis=2).max(axis=1)
-    return np.flatnonzero(area <= 1e-10 * longest)
+    return np.flatnonzero(area <= _NO_AREA * longest)
 
 
 def nonmanifold_edges(faces: IntArray) -> IntArray:
@@ -111,12 +117,15 @@ def duplicate_vertices(vertices: FloatArray) -> IntArray:
 
 
 def slivers(vertices: FloatArray, faces: IntArray, ratio: float = 1e-3) -> IntArray:
-    """Return the faces with an area, but less than ``ratio`` times the squared longest edge."""
+    """Return the faces with an area, but less than ``ratio`` times the squared longest edge.
+
+    By default their height is less than 0.002 of that edge; the thinnest of TOSCA's cats has 0.001.
+    """
     corners = vertices[faces]
     edges = np.roll(corners, -1, axis=1) - corners
     area = np.linalg.norm(np.cross(edges[:, 0], edges[:, 1]), axis=1) / 2
     longest = (edges**2).sum(axis=2).max(axis=1)
-    return np.flatnonzero((area > 1e-10 * longest) & (area < ratio * longest))
+    return np.flatnonzero((area > _NO_AREA * longest) & (area < ratio * longest))
 
 
 def nonmanifold_vertices(faces: IntArray, n_vertices: int) -> IntArray:

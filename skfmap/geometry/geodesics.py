@@ -8,8 +8,8 @@ import potpourri3d as pp3d
 import scipy.sparse as sp
 from scipy.sparse.csgraph import dijkstra
 
-from skfmap._ties import first_of_largest
-from skfmap._typing import FloatArray, IntArray, SparseMatrix
+from skfmap._tools.ties import first_of_largest
+from skfmap._tools.types import FloatArray, IntArray, SparseMatrix
 from skfmap.geometry.faults import edges_of
 
 __all__ = [

@@ -5,7 +5,7 @@ import numpy as np
 import robust_laplacian
 import scipy.sparse as sp
 
-from skfmap._typing import FloatArray, IntArray, SparseMatrix
+from skfmap._tools.types import FloatArray, IntArray, SparseMatrix
 
 __all__ = ["LAPLACIANS", "cotangent_laplacian", "robust_mesh_laplacian"]
 

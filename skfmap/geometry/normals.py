@@ -3,7 +3,7 @@
 import igl
 import numpy as np
 
-from skfmap._typing import FloatArray, IntArray
+from skfmap._tools.types import FloatArray, IntArray
 
 __all__ = ["vertex_normals"]
 

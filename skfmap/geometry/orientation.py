@@ -3,7 +3,7 @@
 import igl
 import numpy as np
 
-from skfmap._typing import FloatArray, IntArray
+from skfmap._tools.types import FloatArray, IntArray
 from skfmap.geometry.faults import boundary_pieces, is_wound_consistently
 
 __all__ = ["orient_faces", "signed_volume"]

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from skfmap._typing import FloatArray, IntArray
+from skfmap._tools.types import FloatArray, IntArray
 
 __all__ = ["integrated_oriented_products"]
 

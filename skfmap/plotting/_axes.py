@@ -4,7 +4,7 @@ from typing import Any
 
 import numpy as np
 
-from skfmap._typing import FloatArray
+from skfmap._tools.types import FloatArray
 
 __all__ = ["axes_or_new", "finish", "of_known_shapes"]
 

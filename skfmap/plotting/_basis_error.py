@@ -5,7 +5,7 @@ from typing import Any, Self
 
 import numpy as np
 
-from skfmap._unwrap import learner_and_shapes
+from skfmap._tools.unwrap import learner_and_shapes
 from skfmap.metrics import basis_error
 from skfmap.plotting._axes import axes_or_new, finish, of_known_shapes
 

@@ -4,8 +4,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from skfmap._typing import FloatArray
-from skfmap._validation import check_choice, check_number
+from skfmap._tools.types import FloatArray
+from skfmap._tools.validation import check_choice, check_number
 
 __all__ = ["Camera", "check_camera", "turn_upright"]
 

@@ -5,9 +5,9 @@ from typing import Any
 
 import numpy as np
 
-from skfmap._ties import ROUNDING, first_of_largest
-from skfmap._typing import FloatArray
-from skfmap._validation import as_reals
+from skfmap._tools.ties import ROUNDING, first_of_largest
+from skfmap._tools.types import FloatArray
+from skfmap._tools.validation import as_reals
 from skfmap.shapes import Mesh
 
 __all__ = ["CONFIDENCE", "ERRORS", "UNKNOWN", "Scale", "colours_of_position", "scale_of"]

@@ -5,8 +5,8 @@ from typing import Any, Self
 
 import numpy as np
 
-from skfmap._unwrap import learner_and_shapes
-from skfmap._validation import check_choice
+from skfmap._tools.unwrap import learner_and_shapes
+from skfmap._tools.validation import check_choice
 from skfmap.metrics import ERROR_KINDS, PairErrors, error_curve
 from skfmap.plotting._axes import axes_or_new, finish
 
@@ -66,9 +66,9 @@ class ErrorCurveDisplay:
         y: Sequence[Any],
         *,
         kind: str = "direct",
-        matching: str | None = None,
-        n_stable: float | None = None,
-        refine: str | None = "fitted",
+        matching: str = "fitted",
+        n_stable: Any = "fitted",
+        refine: Any = "fitted",
         reference_y: Any = None,
         name: str | None = None,
         ax: Any = None,

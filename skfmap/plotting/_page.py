@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from skfmap._typing import FloatArray, IntArray
-from skfmap._validation import check_place
+from skfmap._tools.types import FloatArray, IntArray
+from skfmap._tools.validation import check_place
 from skfmap.metrics import PairErrors
 from skfmap.plotting._camera import Camera
 from skfmap.plotting._colours import UNKNOWN, Scale, undefined_as_nan

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from skfmap._validation import check_place
+from skfmap._tools.validation import check_place
 from skfmap.io import as_mesh
 from skfmap.metrics import PairErrors
 from skfmap.plotting._camera import Camera, check_camera

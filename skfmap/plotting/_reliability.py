@@ -5,10 +5,10 @@ from typing import Any, Self
 
 import numpy as np
 
-from skfmap._ties import is_constant
-from skfmap._typing import FloatArray
-from skfmap._unwrap import learner_and_shapes
-from skfmap._validation import check_number
+from skfmap._tools.ties import is_constant
+from skfmap._tools.types import FloatArray
+from skfmap._tools.unwrap import learner_and_shapes
+from skfmap._tools.validation import check_number
 from skfmap.plotting._axes import axes_or_new, finish
 
 __all__ = ["ReliabilityDisplay"]
@@ -56,7 +56,7 @@ class ReliabilityDisplay:
         X: Sequence[Any],
         y: Sequence[Any],
         *,
-        refine: str | None = "fitted",
+        refine: Any = "fitted",
         name: str | None = None,
         ax: Any = None,
         **kwargs: Any,
@@ -86,6 +86,10 @@ class ReliabilityDisplay:
         learner, shapes = learner_and_shapes(model, X)
         matches = learner.match(shapes, refine=refine)
         errors = learner.pair_errors(shapes, y, refine=refine)
+        if any(match.expected_error is None for match in matches):
+            raise ValueError(
+                "The model expects no errors: it was fitted with confidence=None. Fit it with confidence='cross-fit'."
+            )
         expected = [match.expected_error[one.vertices] for match, one in zip(matches, errors, strict=True)]
         true = np.concatenate([one.direct for one in errors])
         return cls.from_predictions(np.concatenate(expected), true, name=name, ax=ax, **kwargs)

@@ -6,8 +6,8 @@ from typing import Any
 
 import numpy as np
 
-from skfmap._typing import FloatArray
-from skfmap._validation import check_choice, label
+from skfmap._tools.types import FloatArray
+from skfmap._tools.validation import check_choice, label
 from skfmap.io import as_mesh, as_meshes
 from skfmap.metrics import PairErrors
 from skfmap.plotting._camera import Camera, check_camera, turn_upright
@@ -155,8 +155,14 @@ def scene_of_matches(
         if errors is not None:
             values["true error"] = _at_vertices(errors[i], mesh.n_vertices)
         caption = (match.name or mesh.name or "") + ("" if captions is None else f"\n{captions[i]}")
+        if missing := [what for what in show if values[what] is None]:
+            raise ValueError(
+                f"The match of {match.name or mesh.name or f'shape {i}'} has no {missing[0]}: the learner was fitted "
+                "with confidence=None. Fit it with confidence='cross-fit', or leave that out of show."
+            )
         panels.append(Panel(mesh, points, caption, tuple(values[what] for what in show)))
-    worst = max([0.02, *(float(e) for match in matches for e in match.expected_error[~np.isnan(match.expected_error)])])
+    expected = [match.expected_error for match in matches if match.expected_error is not None]
+    worst = max([0.02, *(float(np.nanmax(errors)) for errors in expected if not np.isnan(errors).all())])
     scales = {
         "match": None,
         "expected error": Scale(ERRORS, 0.0, worst, "expected error / sqrt(area)"),

@@ -5,8 +5,8 @@ from typing import Any, Self
 
 import numpy as np
 
-from skfmap._typing import FloatArray
-from skfmap._unwrap import learner_and_shapes
+from skfmap._tools.types import FloatArray
+from skfmap._tools.unwrap import learner_and_shapes
 from skfmap.metrics import error_curve
 from skfmap.plotting._axes import axes_or_new, finish, of_known_shapes
 

@@ -4,7 +4,7 @@ from typing import Any
 
 import numpy as np
 
-from skfmap._typing import FloatArray, IntArray
+from skfmap._tools.types import FloatArray, IntArray
 from skfmap.geometry.normals import vertex_normals
 
 __all__ = ["draw_surface"]

@@ -6,8 +6,8 @@ from typing import Any, Self
 
 import numpy as np
 
-from skfmap._typing import FloatArray
-from skfmap._unwrap import fitted_learner
+from skfmap._tools.types import FloatArray
+from skfmap._tools.unwrap import fitted_learner
 from skfmap.plotting._axes import axes_or_new, finish
 
 __all__ = ["WeightsDisplay"]

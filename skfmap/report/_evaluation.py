@@ -1,19 +1,20 @@
 """Errors of a model on shapes that it was not trained on: folds left out in turn, on one reference."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from sklearn.base import clone
 
-from skfmap._inputs import check_correspondences
-from skfmap._parallel import tell
-from skfmap._unwrap import learner_and_shapes
-from skfmap._validation import label
+from skfmap._tools.parallel import tell
+from skfmap._tools.unwrap import learner_and_shapes
+from skfmap._tools.validation import label
+from skfmap.learner.inputs import check_correspondences
 from skfmap.metrics import PairErrors
 from skfmap.model_selection import PinnedReference
 from skfmap.shapes import Correspondence, Match, Mesh, ProbedShape, SkippedShape
+from skfmap.shapes.given_vertices import as_renumbered
 
 __all__ = ["Evaluation", "evaluate", "thin_out"]
 
@@ -87,13 +88,13 @@ def evaluate(
         If ``X`` does not hold the model's reference, or fewer than two other shapes; if ``y`` has another length.
     """
     learner, given = learner_and_shapes(model, X)
-    skip = learner.on_invalid == "skip"
+    skip = getattr(learner, "estimator_", learner).on_invalid == "skip"
     known = check_correspondences(y, given, skip=skip)
     asked = known if y_scored is None else check_correspondences(y_scored, given, skip=skip)
     usable = [i for i in range(len(given)) if not any(isinstance(one[i], SkippedShape) for one in (known, asked))]
     place = _place_of_reference(learner, given, usable)
     order = [place, *(i for i in usable if i != place)]
-    shapes, truths = [_as_numbered_now(given[i]) for i in order], [known[i] for i in order]
+    shapes, truths = [as_renumbered(given[i]) for i in order], [known[i] for i in order]
     scored = thin_out([asked[i] for i in order])
     fitted: dict[int, tuple[Match, PairErrors]] = {}
     without: dict[int, PairErrors] = {}
@@ -141,13 +142,9 @@ def _place_of_reference(learner: Any, shapes: Sequence[ProbedShape], usable: Seq
     )
 
 
-def _as_numbered_now(shape: ProbedShape) -> ProbedShape:
-    """Return the shape as if its vertices had always had the numbers of the mended mesh, as its correspondence has."""
-    return replace(shape, spectral=replace(shape.spectral, vertex_map=None))
-
-
 def _trained(learner: Any, shapes: Sequence[Any], truths: Sequence[Any], train: Any, **changes: Any) -> Any:
-    fresh = clone(learner).set_params(reference="first", verbose=0, **changes)
+    fresh = clone(learner)
+    getattr(fresh, "estimator", fresh).set_params(reference="first", verbose=0, **changes)
     return fresh.fit([shapes[i] for i in train], [truths[i] for i in train])
 
 

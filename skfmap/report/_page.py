@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 import sklearn
 
-from skfmap._typing import FloatArray
-from skfmap._unwrap import fitted_learner
-from skfmap._validation import check_number, check_place
+from skfmap._tools.types import FloatArray
+from skfmap._tools.unwrap import fitted_learner
+from skfmap._tools.validation import check_number, check_place
 from skfmap._version import __version__
 from skfmap.metrics import ERROR_KINDS, PairErrors
 from skfmap.plotting import (
@@ -25,10 +25,12 @@ from skfmap.plotting import (
 from skfmap.report._evaluation import Evaluation, evaluate
 from skfmap.report._html import details, findings, page, paragraph, picture, section, table
 from skfmap.report._verdict import expected_and_true, findings_of_evaluation, findings_of_model, trusted_part
+from skfmap.shapes import Match
 
 __all__ = ["write_report"]
 
 _KINDS = {"direct": "direct", "consistent": "better side", "per_vertex": "better side at each point"}
+_ASSESSED = ("expected", "half most trusted")
 
 
 def write_report(
@@ -114,6 +116,7 @@ def write_report(
     if evaluation is None and X is not None and y is not None:
         evaluation = evaluate(model, X, y, cv=cv, y_scored=y_scored, verbose=verbose)
     evaluation = None if evaluation is None else _usable(evaluation)
+    bridge, learner = getattr(learner, "bridge_", None), getattr(learner, "estimator_", learner)
     news = findings_of_model(learner)
     sections = []
     if evaluation is not None:
@@ -125,7 +128,7 @@ def write_report(
         _stable_functions(learner, camera),
         _weights(learner),
         _collection(learner, evaluation),
-        _settings(learner),
+        _settings(learner, bridge),
     ]
     check_place(path).write_text(page(title, _subtitle(learner), sections), encoding="utf-8")
     return Path(path)
@@ -178,14 +181,10 @@ def _errors(evaluation: Evaluation) -> str:
         ReliabilityDisplay.from_predictions(expected, true, ax=right, n_bins=min(10, len(true)), name=name)
     else:
         right.set_axis_off()
-    header = ["shape left out", *(_KINDS[kind] for kind in kinds), "expected", "half most trusted"]
+    assessed = all(match.expected_error is not None for match in evaluation.matches)
+    header = ["shape left out", *(_KINDS[kind] for kind in kinds), *(_ASSESSED if assessed else [])]
     rows = [
-        [
-            match.name or "",
-            *(_percent(errors.mean(kind)) for kind in kinds),
-            _percent(float(match.expected_error[errors.vertices].mean())),
-            _percent(_trusted_half(match.expected_error[errors.vertices], errors)),
-        ]
+        [match.name or "", *(_percent(errors.mean(kind)) for kind in kinds), *_expected_cells(match, errors)]
         for match, errors in zip(evaluation.matches, evaluation.errors, strict=True)
     ]
     worst_first = np.argsort([-errors.mean() for errors in evaluation.errors], kind="stable")
@@ -200,6 +199,13 @@ def _errors(evaluation: Evaluation) -> str:
     )
 
 
+def _expected_cells(match: Match, errors: PairErrors) -> list[str]:
+    if match.expected_error is None:
+        return []
+    expected = match.expected_error[errors.vertices]
+    return [_percent(float(expected.mean())), _percent(_trusted_half(expected, errors))]
+
+
 def _trusted_half(expected: FloatArray, errors: PairErrors) -> float:
     trusted = trusted_part(expected)
     if not errors.weights[trusted].any():
@@ -211,11 +217,13 @@ def _worst(learner: Any, evaluation: Evaluation, n_worst: int, camera: Camera | 
     order = np.argsort([-errors.mean() for errors in evaluation.errors], kind="stable")[:n_worst]
     if not len(order):
         return ""
+    assessed = all(evaluation.matches[i].expected_error is not None for i in order)
     figure = plot_matches(
         [evaluation.matches[i] for i in order],
         [evaluation.meshes[i] for i in order],
         learner.reference_.spectral.mesh,
         errors=[evaluation.errors[i] for i in order],
+        show=("match", *(["expected error"] if assessed else []), "true error"),
         captions=[f"error {_percent(evaluation.errors[i].mean())} %" for i in order],
         camera=camera,
     )
@@ -286,13 +294,13 @@ def _collection(learner: Any, evaluation: Evaluation | None) -> str:
     return section("Collection", table(["shape", "vertices", "faces", "area", "known points"], rows))
 
 
-def _settings(learner: Any) -> str:
+def _settings(learner: Any, bridge: Any) -> str:
     parameters = [[name, repr(value)] for name, value in sorted(learner.get_params(deep=False).items())]
     found = [
         ["epsilon", f"{learner.epsilon_:.4g}"],
         ["loss at the start, at the end", f"{learner.loss_curve_[0]:.4g}, {learner.loss_:.4g}"],
         ["iterations", learner.n_iter_],
-        ["bridge", "none" if learner.bridge_ is None else learner.bridge_.reference_.name],
+        ["bridge", "none" if bridge is None else bridge.reference_.name],
         ["scikit-learn, numpy, Python", f"{sklearn.__version__}, {np.__version__}, {platform.python_version()}"],
     ]
     return section(

@@ -5,8 +5,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from scipy.stats import spearmanr
 
-from skfmap._ties import ROUNDING, is_constant
-from skfmap._typing import BoolArray, FloatArray
+from skfmap._tools.ties import ROUNDING, is_constant
+from skfmap._tools.types import BoolArray, FloatArray
 from skfmap.functional.optimize import LOG_WEIGHT_BOUND
 from skfmap.metrics import PairErrors
 from skfmap.report._evaluation import Evaluation
@@ -68,7 +68,14 @@ def findings_of_evaluation(learner: Any, evaluation: Evaluation) -> list[Finding
 def expected_and_true(evaluation: Evaluation) -> tuple[FloatArray, FloatArray]:
     """Return expected and true errors at all pairs of the shapes left out; vertices without either are left out."""
     pairs = list(zip(evaluation.matches, evaluation.errors, strict=True))
-    expected = np.concatenate([match.expected_error[errors.vertices] for match, errors in pairs])
+    expected = np.concatenate(
+        [
+            np.full(len(errors.vertices), np.nan)
+            if match.expected_error is None
+            else match.expected_error[errors.vertices]
+            for match, errors in pairs
+        ]
+    )
     true = np.concatenate([errors.direct for _, errors in pairs])
     known = np.isfinite(expected) & np.isfinite(true)
     return expected[known], true[known]
@@ -228,7 +235,11 @@ def _weights_at_bounds(learner: Any) -> list[Finding]:
 
 
 def _calibration(learner: Any) -> list[Finding]:
-    if all(model.cross_validated for model in learner.error_models_.values()):
+    if learner.confidence_ is None:
+        return [
+            Finding("doubtful", "The learner calibrates no errors (confidence=None): nothing says how far to trust.")
+        ]
+    if all(model.cross_validated for model in getattr(learner, "error_models_", {}).values()):
         return []
     return [
         Finding(

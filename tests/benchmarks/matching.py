@@ -21,7 +21,7 @@ from scipy.stats import spearmanr
 from sklearn.model_selection import LeaveOneOut
 from threadpoolctl import threadpool_limits
 
-from skfmap import DescriptorTransformer, SpectralBasis, WeightedFunctionalMapLearner
+from skfmap import BridgedLearner, DescriptorTransformer, SpectralBasis, WeightedFunctionalMapLearner
 from skfmap.datasets import load_collection
 from skfmap.metrics import pair_errors, reference_distances
 from skfmap.model_selection import PinnedReference
@@ -33,13 +33,14 @@ SETTINGS = {
 REFINEMENTS = (None, "icp", "zoomout", "bijective-zoomout")
 
 
-def run_fold(shapes, given, scored, split, parameters, tables, refinements):
+def run_fold(shapes, given, scored, split, parameters, tables, refinements, bridge):
     """Train on one fold, match the shape left out, and return what each refinement showed."""
     train, (test,) = split
     with threadpool_limits(limits=1, user_api="blas"), warnings.catch_warnings():
         warnings.simplefilter("ignore")
         started = time.perf_counter()
         learner = WeightedFunctionalMapLearner(**parameters, refine=refinements[-1])
+        learner = BridgedLearner(learner) if bridge else learner
         learner.fit([shapes[j] for j in train], [given[j] for j in train])
         fitting, found = time.perf_counter() - started, {}
         for refine in refinements:
@@ -50,7 +51,7 @@ def run_fold(shapes, given, scored, split, parameters, tables, refinements):
             means = [errors.mean(kind) for errors in (heat, edges) for kind in ("direct", "consistent")]
             expected = match.expected_error[heat.vertices] if refine in (None, refinements[-1]) else None
             found[refine] = (means, seconds, heat.direct, expected)
-    return found, fitting, learner.bridge_errors_, learner.bridge_ is not None
+    return found, fitting, getattr(learner, "bridge_errors_", {}), getattr(learner, "bridge_", None) is not None
 
 
 def report(name, folds, refinements):
@@ -97,8 +98,8 @@ def main():
     print(f"{'':<46}{'heat method':^18}{'edge paths':^18}\n{'':<46}" + f"{'direct':>9}{'consist.':>9}" * 2 + "   match")
     folds = list(PinnedReference(LeaveOneOut()).split(range(len(shapes))))
     for name, parameters in SETTINGS.items():
-        chosen = parameters | ({"bridge": "auto"} if options.bridge else {})
-        calls = (delayed(run_fold)(shapes, given, scored, split, chosen, tables, refinements) for split in folds)
+        how = (parameters, tables, refinements, options.bridge)
+        calls = (delayed(run_fold)(shapes, given, scored, split, *how) for split in folds)
         report(name, Parallel(n_jobs=options.jobs)(calls), refinements)
 
 

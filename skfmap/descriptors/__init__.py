@@ -1,0 +1,22 @@
+"""Probe functions: the paper's nine families, and the oriented one that tells left from right."""
+
+from skfmap.descriptors.curvature import DiffusedCurvature, MeshSaliency
+from skfmap.descriptors.defaults import default_families, paper_families
+from skfmap.descriptors.family import ProbeFamily
+from skfmap.descriptors.oriented import OrientedProducts
+from skfmap.descriptors.own_functions import FunctionProbes
+from skfmap.descriptors.signatures import HeatKernelSignature, WaveKernelSignature
+from skfmap.descriptors.transformer import DescriptorTransformer
+
+__all__ = [
+    "DescriptorTransformer",
+    "DiffusedCurvature",
+    "FunctionProbes",
+    "HeatKernelSignature",
+    "MeshSaliency",
+    "OrientedProducts",
+    "ProbeFamily",
+    "WaveKernelSignature",
+    "default_families",
+    "paper_families",
+]

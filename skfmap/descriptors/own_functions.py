@@ -1,0 +1,86 @@
+"""Probe functions that a person writes."""
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from skfmap._tools.types import FloatArray
+from skfmap._tools.validation import as_reals, check_number, label
+from skfmap.descriptors.family import ProbeFamily
+from skfmap.functional.projection import project
+from skfmap.shapes import SpectralShape
+
+__all__ = ["FunctionProbes"]
+
+
+class FunctionProbes(ProbeFamily):
+    """Probe functions that a plain Python function computes, as FunctionTransformer wraps one for tables.
+
+    Parameters
+    ----------
+    function : callable
+        Takes a `SpectralShape` (of unit area: ``vertices``, ``mesh.faces``, ``mass``, ``evals``, ``evecs``) and returns
+        values at its vertices, shape (n_vertices,) or (n_vertices, n_functions). Its scales must be constants at unit
+        area, so that a probe means the same on every shape.
+    n_functions : int, default=1
+        Number of functions that it returns.
+    kw_args : dict, optional
+        Further arguments of ``function``.
+
+    Notes
+    -----
+    Results are cached where `DescriptorTransformer` has a ``memory`` if ``function`` is a function of a module; a
+    lambda or a closure is computed each time, because nothing tells one from the next. The source of ``function`` is
+    part of the key, and so is that of what it calls in modules that are not installed: change either, and it is
+    computed anew.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from skfmap import DescriptorTransformer, SpectralBasis
+    >>> from skfmap.datasets import make_sphere
+    >>> from skfmap.descriptors import FunctionProbes, paper_families
+    >>> def depth(shape, power=2.0):
+    ...     return np.linalg.norm(shape.vertices - shape.mass @ shape.vertices, axis=1) ** power
+    >>> families = [*paper_families(), ("depth", FunctionProbes(depth, kw_args={"power": 3.0}))]
+    >>> (shape,) = DescriptorTransformer(families).transform(SpectralBasis(20).transform([make_sphere(3)]))
+    >>> shape.probe_names[-1]
+    'depth[depth]'
+    """
+
+    def __init__(
+        self,
+        function: Callable[..., FloatArray],
+        n_functions: int = 1,
+        *,
+        kw_args: dict[str, Any] | None = None,
+    ) -> None:
+        self.function = function
+        self.n_functions = n_functions
+        self.kw_args = kw_args
+
+    def check_parameters(self) -> None:
+        """Raise for parameters that cannot be used."""
+        if not callable(self.function):
+            raise TypeError(f"function must be callable; got {self.function!r}.")
+        check_number(self.n_functions, "n_functions", low=1, integer=True)
+        if not (self.kw_args is None or isinstance(self.kw_args, dict)):
+            raise TypeError(f"kw_args must be a dict or None; got {self.kw_args!r}.")
+
+    def labels(self) -> list[str]:
+        """Return the name of the function, numbered if there are several."""
+        name = getattr(self.function, "__name__", type(self.function).__name__)
+        return [name] if self.n_functions == 1 else [f"{name}_{i}" for i in range(self.n_functions)]
+
+    def coefficients(self, shape: SpectralShape) -> FloatArray:
+        """Return the coefficients, shape (n_components, n_functions)."""
+        values = as_reals(self.function(shape, **(self.kw_args or {})), f"What {self.function!r} returns")
+        columns = values[:, None] if values.ndim == 1 else values
+        if columns.shape != (shape.mesh.n_vertices, self.n_functions) or not np.isfinite(columns).all():
+            raise ValueError(
+                f"{self.labels()[0]} must return finite values of shape ({shape.mesh.n_vertices}, {self.n_functions}) "
+                f"on {label(shape.name)}; got shape {values.shape}"
+                + ("." if np.isfinite(values).all() else " with NaN or infinite values.")
+            )
+        return project(columns, shape.evecs, shape.mass)

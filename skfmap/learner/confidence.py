@@ -1,0 +1,214 @@
+"""Errors to expect of matches, from training shapes that were left out of the learning in turn."""
+
+from abc import ABC, abstractmethod
+from dataclasses import replace
+from typing import NamedTuple, Self
+
+import numpy as np
+from sklearn.base import BaseEstimator
+
+from skfmap._tools.parallel import map_shapes
+from skfmap._tools.types import FloatArray, IntArray
+from skfmap._tools.validation import check_number
+from skfmap.learner.error_model import ErrorModel, fit_error_model
+from skfmap.learner.familiarity import is_familiar
+from skfmap.learner.matcher import Matcher, Solution, embedding_distance
+from skfmap.learner.observation import Observation, Watch, observe, watch_reference
+from skfmap.learner.parts import fit_part
+from skfmap.learner.signs import vertex_signs
+from skfmap.learner.training_set import TrainingSet
+from skfmap.refinement import PointMatch
+from skfmap.shapes import JoinedPairs, ProbedShape
+
+__all__ = ["REFINED", "UNREFINED", "Confidence", "CrossFitConfidence", "Trust"]
+
+UNREFINED, REFINED = "unrefined", "refined"
+
+# The weights of a fold need not be polished: errors on the cats hardly change after so many iterations.
+_MAX_ITER, _TOL = 60, 1e-3
+
+
+class Trust(NamedTuple):
+    """How far to trust a match: at each vertex, and as a whole (`Match` says what each is)."""
+
+    expected_error: FloatArray
+    confidence: FloatArray
+    misfit: float
+    familiar: bool
+
+
+class Confidence(BaseEstimator, ABC):
+    """A way to say how far matches can be trusted; derive from it to write your own."""
+
+    @abstractmethod
+    def fit(self, training: TrainingSet, matcher: Matcher) -> Self:
+        """Learn from training shapes what matches look like where they are good, and where they are not."""
+
+    @abstractmethod
+    def assess(
+        self,
+        matcher: Matcher,
+        shape: ProbedShape,
+        solution: Solution,
+        before: PointMatch,
+        after: PointMatch,
+        *,
+        refined: bool,
+    ) -> Trust:
+        """Return how far to trust a match; ``refined`` if the refinement is the one that was there in `fit`."""
+
+    @abstractmethod
+    def is_familiar(self, solution: Solution, misfit: float = np.nan) -> bool:
+        """Tell whether a shape is like the training shapes, by its solution of equation (2) and `Match.misfit`."""
+
+
+class CrossFitConfidence(Confidence):
+    """Relate what matches show of themselves to their errors, on shapes left out of the learning in turn.
+
+    A single training shape cannot be left out: it is taken as it was learned, and errors are hopeful.
+
+    Parameters
+    ----------
+    cv : int, default=3
+        Number of folds; each learns once, so that a fit takes about 1 + cv times as long as with ``confidence=None``.
+
+    Attributes
+    ----------
+    error_models_ : dict of ErrorModel
+        What error to expect of ``"unrefined"`` matches, and of ``"refined"`` ones, as the learner's ``refine`` says.
+    misfits_ : ndarray of shape (n_shapes,)
+        What was left of equation (2) on each shape given to `fit`; NaN for the reference and shapes of no share.
+    training_errors_ : ndarray of shape (n_shapes,)
+        Mean error of the match of each of them, refined if the learner refines; NaN also where no known pair leads to
+        one of the vertices at which errors were observed.
+
+    Examples
+    --------
+    >>> import skfmap
+    >>> from skfmap.learner import CrossFitConfidence
+    >>> learner = skfmap.WeightedFunctionalMapLearner(confidence=CrossFitConfidence(cv=5))
+    >>> learner.set_params(confidence__cv=2).confidence
+    CrossFitConfidence(cv=2)
+    """
+
+    def __init__(self, cv: int = 3) -> None:
+        self.cv = cv
+
+    def fit(self, training: TrainingSet, matcher: Matcher) -> Self:
+        """Match each training shape by what the others taught, and fit error models to what that shows.
+
+        Parameters
+        ----------
+        training : TrainingSet
+            Training shapes.
+        matcher : Matcher
+            Learned from all of them; used as it is if there is one only.
+
+        Returns
+        -------
+        CrossFitConfidence
+            Itself.
+        """
+        check_number(self.cv, "cv", low=2, integer=True)
+        used = training.used
+        watch = watch_reference(training.reference, [training.joins[i] for i in used], training.memory)
+        n_folds = min(self.cv, len(used))
+        folds = [used[f::n_folds] for f in range(n_folds)]
+        matchers = [matcher] if n_folds == 1 else _matchers_without(training, folds, matcher)
+        arguments = (
+            (one, training.shapes[i], training.joins[i], training.known[i].areas, watch)
+            for one, rows in zip(matchers, folds, strict=True)
+            for i in rows
+        )
+        seen = map_shapes(_observe, arguments, n_jobs=training.n_jobs, verbose=0, prefer="threads")
+        order = np.concatenate(folds)
+        worst = max(one.distance for one in seen)
+        self.error_models_ = {
+            kind: fit_error_model(
+                [_weighted(one.observations[kind], training.share[i]) for i, one in zip(order, seen, strict=True)],
+                watch,
+                worst_distance=worst,
+                cross_validated=n_folds > 1,
+            )
+            for kind in seen[0].observations
+        }
+        kind = UNREFINED if matcher.refinement is None else REFINED
+        self.misfits_, self.training_errors_ = np.full((2, training.n_given), np.nan)
+        self.misfits_[training.indices[order]] = [one.residual for one in seen]
+        self.training_errors_[training.indices[order]] = [one.observations[kind].mean_error for one in seen]
+        return self
+
+    def assess(
+        self,
+        matcher: Matcher,
+        shape: ProbedShape,
+        solution: Solution,
+        before: PointMatch,
+        after: PointMatch,
+        *,
+        refined: bool,
+    ) -> Trust:
+        """Return expected errors, confidences, the misfit and whether the shape is familiar.
+
+        Parameters
+        ----------
+        matcher : Matcher
+            What the match was made by.
+        shape : ProbedShape
+            S_i.
+        solution : Solution
+            Of equation (2).
+        before, after : PointMatch
+            The match, and what refinement made of it.
+        refined : bool
+            Whether that refinement is the one that the learner was fitted with; if not, errors are those to expect of
+            the match before it.
+
+        Returns
+        -------
+        Trust
+            How far to trust the match.
+        """
+        unrefined: ErrorModel = self.error_models_[UNREFINED]
+        misfit = unrefined.misfit(embedding_distance(shape, before))
+        model, seen = (self.error_models_[REFINED], after) if refined else (unrefined, before)
+        expected_error, confidence = model.predict(vertex_signs(matcher, shape, seen), seen.p2p, misfit)
+        return Trust(expected_error, confidence, misfit, self.is_familiar(solution, misfit))
+
+    def is_familiar(self, solution: Solution, misfit: float = np.nan) -> bool:
+        """Tell whether a shape fits what was learned about as well as the training shapes that were left out."""
+        return is_familiar(self.misfits_, solution.residual, misfit)
+
+
+class _Seen(NamedTuple):
+    """What one training shape showed: observations by kind, what is left of equation (2), `embedding_distance`."""
+
+    observations: dict[str, Observation]
+    residual: float
+    distance: float
+
+
+def _observe(matcher: Matcher, shape: ProbedShape, join: JoinedPairs, areas: FloatArray, watch: Watch) -> _Seen:
+    solution = matcher.solve(shape)
+    before, after = matcher.match(shape, solution.C)
+    matches = {UNREFINED: before} | ({} if matcher.refinement is None else {REFINED: after})
+    seen = {kind: observe(matcher, shape, join, areas, match, watch) for kind, match in matches.items()}
+    return _Seen(seen, solution.residual, embedding_distance(shape, before))
+
+
+def _weighted(observation: Observation, share: float) -> Observation:
+    return observation._replace(weights=share * observation.weights)
+
+
+def _matchers_without(training: TrainingSet, folds: list[IntArray], matcher: Matcher) -> list[Matcher]:
+    """Return, for each fold, what is learned from the other folds."""
+    everything = np.concatenate(folds)
+    arguments = ((training.only(np.setdiff1d(everything, rows)), matcher) for rows in folds)
+    return map_shapes(_learned_from, arguments, n_jobs=training.n_jobs, verbose=0, prefer="threads")
+
+
+def _learned_from(training: TrainingSet, whole: Matcher) -> Matcher:
+    options, settings = training.options, whole.settings
+    learned = training.learn(max_iter=min(options["max_iter"], _MAX_ITER), tol=max(options["tol"], _TOL))
+    matcher = Matcher.from_learned(training, learned, matching=settings.matching, n_stable=settings.n_stable)
+    return replace(matcher, refinement=fit_part(whole.refinement, training, matcher))

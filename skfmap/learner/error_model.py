@@ -1,0 +1,138 @@
+"""From the signs that a match gives of itself to the error to expect at each vertex."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from sklearn.isotonic import IsotonicRegression
+from sklearn.linear_model import GammaRegressor
+
+from skfmap._tools.types import FloatArray, IntArray
+from skfmap.learner.observation import Observation, Watch
+
+__all__ = ["TOLERANCE", "ErrorModel", "fit_error_model"]
+
+# Width, in sqrt(area), over which errors at neighbouring vertices of the reference are averaged.
+_WIDTH = 0.05
+
+_TINY = 1e-4
+
+TOLERANCE = 0.1
+
+
+@dataclass(frozen=True, eq=False)
+class ErrorModel:
+    """Expected error and confidence from the signs that a match gives of itself.
+
+    A Gamma regression with a logarithmic link on the standardised logarithms of the signs ranks the vertices; isotonic
+    regressions turn the rank into an error and into a share of hits.
+
+    Attributes
+    ----------
+    mean, scale, coefficients : ndarray of shape (n_signs,)
+        Of the regression.
+    knots : ndarray of shape (n,)
+        Ascending values of the regression.
+    expected_error : ndarray of shape (n,)
+        Mean geodesic error there, in units of sqrt(area); not decreasing.
+    confidence : ndarray of shape (n,)
+        Share of errors below `TOLERANCE` there; not increasing.
+    reference_errors : ndarray of shape (n_vertices_0,)
+        Mean error of training shapes around each vertex of the reference.
+    cross_validated : bool
+        Whether errors are those of shapes that were left out of the learning.
+    mean_error : float
+        Mean error of the training shapes.
+    worst_distance : float
+        Largest `embedding_distance` of a training shape, before refinement.
+    chance : float
+        Mean error of points that are matched at random.
+    """
+
+    mean: FloatArray
+    scale: FloatArray
+    coefficients: FloatArray
+    knots: FloatArray
+    expected_error: FloatArray
+    confidence: FloatArray
+    reference_errors: FloatArray
+    cross_validated: bool
+    mean_error: float
+    worst_distance: float
+    chance: float
+
+    def misfit(self, distance: float) -> float:
+        """Return an `embedding_distance` in units of the worst training shape's."""
+        return distance / max(self.worst_distance, _TINY)
+
+    def predict(self, signs: FloatArray, p2p: IntArray, misfit: float) -> tuple[FloatArray, FloatArray]:
+        """Return expected error and confidence of each vertex; beyond the knots the last value holds.
+
+        Nothing was seen of shapes with a misfit beyond 1. Their errors are raised, and confidences lowered, by its
+        square, up to chance: creatures that were stretched, cut and swapped for other animals are off by that.
+        """
+        columns = np.column_stack([signs, np.log(self.reference_errors[p2p] + _TINY)])
+        rank = ((columns - self.mean) / self.scale) @ self.coefficients
+        error, hits = np.interp(rank, self.knots, self.expected_error), np.interp(rank, self.knots, self.confidence)
+        unseen = max(1.0, misfit) ** 2
+        return np.clip(unseen * error, None, np.maximum(error, self.chance)), hits / unseen
+
+
+def fit_error_model(
+    observations: Sequence[Observation], watch: Watch, *, worst_distance: float, cross_validated: bool
+) -> ErrorModel:
+    """Fit the model to what training shapes showed, on at most 50 knots.
+
+    Parameters
+    ----------
+    observations : sequence of Observation
+        One for each training shape, weighted by its share.
+    watch : Watch
+        Where they were made.
+    worst_distance : float
+        Largest `embedding_distance` of the shapes.
+    cross_validated : bool
+        Whether the shapes were left out of the learning.
+
+    Returns
+    -------
+    ErrorModel
+        What to expect on a new shape.
+    """
+    sums, counts = (
+        np.stack(part) for part in zip(*(_by_vertex(o, len(watch.vertices)) for o in observations), strict=True)
+    )
+    near = np.exp(-np.square(watch.distances / _WIDTH) / 2)
+    errors_0 = _spread(near, sums.sum(axis=0), counts.sum(axis=0))
+    columns = []
+    for i, observation in enumerate(observations):
+        others = [j for j in range(len(observations)) if j != i] or [i]
+        known = _spread(near, sums[others].sum(axis=0), counts[others].sum(axis=0))
+        columns.append(np.column_stack([observation.signs, np.log(known[observation.matched] + _TINY)]))
+    signs = np.concatenate(columns)
+    errors, weights = (np.concatenate([o[j] for o in observations]) for j in (1, 2))
+    mean, scale = signs.mean(axis=0), signs.std(axis=0)
+    scale = np.where(scale > 1e-9 * np.abs(mean), scale, 1.0)  # what does not differ but for rounding says nothing
+    regression = GammaRegressor(alpha=1e-2, max_iter=1000)
+    coefficients = regression.fit((signs - mean) / scale, errors + _TINY, sample_weight=weights).coef_
+    rank = ((signs - mean) / scale) @ coefficients
+    knots = np.unique(np.quantile(rank, np.linspace(0, 1, 50)))
+    error = IsotonicRegression(increasing=True, out_of_bounds="clip").fit(rank, errors, weights)
+    hit = IsotonicRegression(increasing=False, out_of_bounds="clip").fit(rank, errors <= TOLERANCE, weights)
+    expected, confidence = np.asarray(error.predict(knots)), np.asarray(hit.predict(knots))
+    overall = float(np.average(errors, weights=weights))
+    model = (mean, scale, coefficients, knots, expected, confidence, errors_0, cross_validated, overall)
+    return ErrorModel(*model, worst_distance, float(watch.distances.mean()))
+
+
+def _by_vertex(observation: Observation, n_watched: int) -> tuple[FloatArray, FloatArray]:
+    """Return the weighted sum of errors at each watched vertex, and the sum of weights."""
+    _, errors, weights, _, watched = observation
+    sums, counts = (np.bincount(watched, values, n_watched) for values in (weights * errors, weights))
+    return sums.astype(np.float64), counts.astype(np.float64)
+
+
+def _spread(near: FloatArray, sums: FloatArray, counts: FloatArray) -> FloatArray:
+    """Return errors averaged around each vertex of the reference; far from all that was seen, the mean of all."""
+    overall = sums.sum() / max(float(counts.sum()), 1e-300)
+    return np.asarray((sums @ near + 1e-3 * overall) / (counts @ near + 1e-3))

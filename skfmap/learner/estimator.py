@@ -1,0 +1,629 @@
+"""Learn which probe functions to trust, and which functions map stably."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from typing import Any, Self
+
+import numpy as np
+from joblib import cpu_count, effective_n_jobs
+from sklearn.base import BaseEstimator
+from sklearn.utils import Tags
+from sklearn.utils.validation import check_is_fitted
+
+from skfmap._tools.callbacks import CallbackSupportMixin, FitTask, with_callbacks
+from skfmap._tools.fitted import FittedAttribute
+from skfmap._tools.parallel import map_shapes, single_threaded, tell
+from skfmap._tools.types import FloatArray, IntArray
+from skfmap._tools.validation import check_choice, check_number, check_sample_weight, label
+from skfmap._version import Versioned
+from skfmap.functional.learning import LearnedMaps
+from skfmap.functional.regularization import LEARNED, REGULARIZERS
+from skfmap.functional.weighting import WEIGHTINGS
+from skfmap.ground_truth import join_with_reference, known_maps, warn_of_coverage
+from skfmap.learner.confidence import Confidence, CrossFitConfidence
+from skfmap.learner.diagnostics import diagnose, diagnose_new_shapes, is_mirrored, report
+from skfmap.learner.inputs import check_new_shapes, check_scored
+from skfmap.learner.legacy import upgraded
+from skfmap.learner.matcher import MATCHINGS, Matcher, Solution
+from skfmap.learner.new_shape import INTERPOLATIONS, MatchedShape, match_shape, no_match, point_map
+from skfmap.learner.parts import check_part_is_object, fit_part, make_part, same_part
+from skfmap.learner.scoring import score_point_maps
+from skfmap.learner.training_set import TrainingSet
+from skfmap.measures import PairErrors, mean_over_shapes
+from skfmap.refinement import ICP, BijectiveZoomOut, Refinement, ZoomOut
+from skfmap.shapes import Match, ProbedShape
+from skfmap.shapes.given_vertices import expand
+from skfmap.shapes.usable import Usable, describe, put_back
+
+__all__ = ["WeightedFunctionalMapLearner"]
+
+_WORDS: dict[str, dict[str, Callable[[], Any]]] = {
+    "refine": {"icp": ICP, "zoomout": ZoomOut, "bijective-zoomout": BijectiveZoomOut},
+    "confidence": {"cross-fit": CrossFitConfidence},
+}
+_METHODS = {"refine": "refine", "confidence": "assess"}
+
+
+class WeightedFunctionalMapLearner(CallbackSupportMixin, Versioned, BaseEstimator):
+    r"""Learn probe weights D and a stable basis Y from shapes with known correspondences.
+
+    For a new shape S_i, the functional map is (equation 2 of the paper)
+
+    .. math:: X_i(D) = \arg\min_C \|(C G_0 - G_i) D\|_F^2 + \alpha \|C \odot W\|_F^2
+
+    (a floor under W * W keeps every row solvable: `skfmap.functional.penalty_of`), and D minimises the sum over
+    training shapes of :math:`\|X_i(D) - C_i\|_\epsilon` (equations 3 and 4). Two maps, opposite ways: the functional
+    map pulls functions on the reference S_0 back to S_i; the point map sends points of S_i to S_0.
+
+    Parameters
+    ----------
+    n_functions : int, default=50
+        k: how many of each shape's first eigenfunctions are used.
+    weighting : {"function", "category", "unique"}, sequence, callable or None, default="function"
+        One weight per probe, per family, for all, or none (D = I, the naive baseline; Y is learned all the same). A
+        sequence holds a label for each probe, and those of one label share a weight; a callable returns it for the
+        names and the categories of the probes, ``(names, categories) -> labels``.
+    epsilon : float or "auto", default="auto"
+        Of the norm (4). ``"auto"`` is the 80 percent rule of section 3.2. The loss depends on epsilon, so it says
+        nothing about which epsilon is better: use a score.
+    alpha : float, default=0.01
+        Strength of the regulariser, for probes of norm 1 / sqrt(m). Beside learned weights it only sets the start and
+        the automatic epsilon; for ``weighting=None`` it is worth a search.
+    regularizer : {"laplacian", "resolvent", "learned"} or callable, default="laplacian"
+        Deformation model: ``(evals_i, evals_0) -> W`` of shape (k, k). ``"laplacian"`` is the paper's, ``"resolvent"``
+        is bounded (Ren et al. 2019), ``"learned"`` expects of each entry what the known maps of the training shapes
+        have there.
+    normalize : {"shape", "reference"}, default="shape"
+        Whether probe columns are scaled by each shape's own norms (section 2.1) or by those of the reference.
+    n_stable : int, float in (0, 1], or None
+        p: how many stable functions the reduced map keeps, or their share of k; None is k // 2.
+    matching : {"soft", "cut"}, default="soft"
+        Points are matched in all stable functions, each weighted by how far it puts the points of the training shapes
+        from where they belong, or in the first p alone.
+    refine : {"icp", "zoomout", "bijective-zoomout"}, Refinement or None, default=None
+        How point maps are refined: a word, or the object that it stands for (`skfmap.refinement`), whose parameters can
+        then be searched as ``refine__step``. ``"bijective-zoomout"`` is the best by far: maps of growing size, up to
+        all eigenfunctions that `SpectralBasis` holds, each fitted to the point maps of both directions, with functions
+        weighted by what the training shapes showed. ``"zoomout"`` (Melzi et al. 2019) and ``"icp"`` (Ovsjanikov et al.
+        2012) are as published. On a shape of 5,000 vertices a step takes 0.3 s; there are eleven by default. None: not
+        at all.
+    confidence : {"cross-fit"}, Confidence or None, default="cross-fit"
+        How errors to expect are found: ``"cross-fit"`` is `CrossFitConfidence`, which learns again for each of three
+        folds. None: not at all; a fit then takes a quarter of the time, for searches that only compare scores.
+        Matches have no ``expected_error``, ``confidence`` and ``familiar`` (None) then.
+    reference : str, default="first"
+        ``"first"``: the first training shape. ``"medoid"``: the training shape whose geodesic distances differ least
+        from all others'. Else the name of a training shape.
+    on_invalid : {"raise", "skip"}, default="raise"
+        What to do with a training shape whose correspondence cannot be used: out of range, empty, without a point of
+        the reference, or with too few points. ``"skip"`` leaves it out with a warning; the reference's always raises.
+        Shapes that the steps before skipped are left out in any case.
+    max_iter : int, default=1000
+        Most iterations of L-BFGS.
+    tol : float, default=1e-4
+        Largest derivative of the mean singular value's loss in a log-weight at which the search has converged.
+    memory : str or joblib.Memory, optional
+        Where ground-truth maps and geodesic distances are cached, so that the fits and scores of a search share them.
+    n_jobs : int, optional
+        Shapes at a time; see joblib. The result is the same for every value.
+    verbose : int, default=0
+        1 tells each stage and every tenth iteration.
+
+    Attributes
+    ----------
+    weights_ : ndarray of shape (m,)
+        Diagonal of D, positive.
+    stable_basis_ : ndarray of shape (k, k)
+        Y: coefficients of functions on the reference, most stable first. The constant function maps exactly.
+    stability_ : ndarray of shape (k,)
+        Singular values that go with Y, ascending.
+    epsilon_ : float
+        The epsilon used.
+    loss_, loss_curve_, n_iter_ : float, list of float, int
+        Equation (3) at the end, at the start and after each iteration, and the number of iterations.
+    converged_ : bool
+        Whether the search for weights converged.
+    n_training_shapes_ : int
+        Number of shapes learned from, without the reference and those of sample weight 0.
+    n_stable_ : int
+        p.
+    reference_, reference_index_ : ProbedShape, int
+        The reference, and its place in the training data.
+    reference_correspondence_ : Correspondence
+        Where the reference lies on the template.
+    probe_names_, probe_categories_ : ndarray of str, shape (m,)
+        What each weight belongs to.
+    residual_covariance_ : ndarray of shape (k, k)
+        How far learned maps put the points of the training shapes from where they belong: what ``matching="soft"``
+        weighs functions by.
+    truncation_covariance_ : ndarray of shape (n_components, n_components)
+        The same for the known maps in all functions held, which err by their cut alone: what refinement goes by.
+    matcher_ : Matcher
+        What matching a new shape needs, from which the above is read.
+    refine_, confidence_ : Refinement or None, Confidence or None
+        The fitted parts.
+    error_models_, misfits_, training_errors_ : dict, ndarray of shape (n_shapes,), ndarray of shape (n_shapes,)
+        Of `CrossFitConfidence`, which says what they are; they do not exist if ``confidence`` is another.
+
+    See Also
+    --------
+    SpectralBasis, DescriptorTransformer : The steps before.
+    skfmap.functional.learn_functional_maps : The same on arrays, for functional maps without points.
+
+    References
+    ----------
+    .. [1] E. Corman, M. Ovsjanikov, A. Chambolle. "Supervised descriptor learning for non-rigid shape matching". ECCV
+       Workshops, 2014.
+
+    Examples
+    --------
+    >>> from sklearn.pipeline import make_pipeline
+    >>> import skfmap
+    >>> from skfmap.datasets import make_creatures
+    >>> creatures = make_creatures(n_shapes=4, n_vertices=500)
+    >>> model = make_pipeline(
+    ...     skfmap.SpectralBasis(n_components=30),
+    ...     skfmap.DescriptorTransformer(),
+    ...     skfmap.WeightedFunctionalMapLearner(n_functions=20),
+    ... )
+    >>> model = model.fit(creatures.meshes[:3], creatures.correspondences[:3])
+    >>> model.predict(creatures.meshes[3:]).shape
+    (1, 20, 10)
+    >>> match, = skfmap.match(model, creatures.meshes[3:])
+    >>> len(match.p2p) == creatures.meshes[3].n_vertices
+    True
+    """
+
+    weights_ = FittedAttribute("matcher_.weights")
+    stable_basis_ = FittedAttribute("matcher_.stable_basis")
+    residual_covariance_ = FittedAttribute("matcher_.residual_covariance")
+    truncation_covariance_ = FittedAttribute("matcher_.truncation_covariance")
+    reference_ = FittedAttribute("matcher_.reference")
+    n_stable_ = FittedAttribute("matcher_.settings.n_stable")
+    refine_ = FittedAttribute("matcher_.refinement")
+    stability_ = FittedAttribute("record_.stability")
+    epsilon_ = FittedAttribute("record_.epsilon")
+    loss_ = FittedAttribute("record_.loss")
+    loss_curve_ = FittedAttribute("record_.loss_curve")
+    n_iter_ = FittedAttribute("record_.n_iter")
+    converged_ = FittedAttribute("record_.converged")
+    n_training_shapes_ = FittedAttribute("record_.n_shapes")
+    reference_index_ = FittedAttribute("record_.reference_index")
+    reference_correspondence_ = FittedAttribute("record_.reference_correspondence")
+    probe_names_ = FittedAttribute("matcher_.probe_names")
+    probe_categories_ = FittedAttribute("matcher_.probe_categories")
+    error_models_ = FittedAttribute("confidence_.error_models_")
+    misfits_ = FittedAttribute("confidence_.misfits_")
+    training_errors_ = FittedAttribute("confidence_.training_errors_")
+
+    def __init__(
+        self,
+        *,
+        n_functions: int = 50,
+        weighting: str | Sequence[Any] | Callable[..., Any] | None = "function",
+        epsilon: float | str = "auto",
+        alpha: float = 0.01,
+        regularizer: str | Callable[[FloatArray, FloatArray], FloatArray] = "laplacian",
+        normalize: str = "shape",
+        n_stable: float | None = None,
+        matching: str = "soft",
+        refine: str | Refinement | None = None,
+        confidence: str | Confidence | None = "cross-fit",
+        reference: str = "first",
+        on_invalid: str = "raise",
+        max_iter: int = 1000,
+        tol: float = 1e-4,
+        memory: Any = None,
+        n_jobs: int | None = None,
+        verbose: int = 0,
+    ) -> None:
+        self.n_functions = n_functions
+        self.weighting = weighting
+        self.epsilon = epsilon
+        self.alpha = alpha
+        self.regularizer = regularizer
+        self.normalize = normalize
+        self.n_stable = n_stable
+        self.matching = matching
+        self.refine = refine
+        self.confidence = confidence
+        self.reference = reference
+        self.on_invalid = on_invalid
+        self.max_iter = max_iter
+        self.tol = tol
+        self.memory = memory
+        self.n_jobs = n_jobs
+        self.verbose = verbose
+
+    @with_callbacks  # type: ignore[untyped-decorator]
+    def fit(self, X: Sequence[ProbedShape], y: Sequence[Any], sample_weight: Sequence[float] | None = None) -> Self:
+        """Learn weights and stable basis.
+
+        Parameters
+        ----------
+        X : sequence of ProbedShape
+            Training shapes, the reference among them; from `DescriptorTransformer`.
+        y : sequence of Correspondence or of int arrays of shape (n_pairs, 2)
+            Where each shape lies on the template: rows ``[vertex, template point]``.
+        sample_weight : array-like of shape (n_shapes,), optional
+            Share of each shape in the sum (3) and in Y; the reference's is not used.
+
+        Returns
+        -------
+        WeightedFunctionalMapLearner
+            Itself.
+
+        Raises
+        ------
+        CorrespondenceError
+            If correspondences do not fit their shape, share no template point with the reference, or are too few for k.
+        ValueError
+            If shapes do not fit each other or a parameter cannot be used.
+        TypeError
+            If ``X`` or ``y`` holds something else.
+
+        Warns
+        -----
+        CoverageWarning
+            If correspondences determine only a part of a functional map.
+        OrientationWarning
+            If the correspondence of a shape takes its left for right, as that of a mirrored mesh does.
+        ConvergenceWarning
+            If the search stopped before it converged.
+        StabilityWarning
+            If no function maps stably, or many weights are at the bounds of the search.
+        DisagreementWarning
+            If the correspondence of a shape contradicts those of the others, or that of the reference all.
+        SkippedShapeWarning
+            If shapes were left out.
+        """
+        self._check_parameters()
+        training = self._training_set(X, y, sample_weight)
+        self._tell(f"reference: {label(training.reference.name, 'shape')}")
+        task = FitTask(self, X, y, sample_weight, self.max_iter)
+        learned = single_threaded(self._learn, training, task)
+        fitted = self._assembled(training, learned)
+        if self.confidence is not None:
+            self._tell("calibrating expected errors on training shapes left out in turn")
+            fitted["confidence_"] = fit_part(self._part("confidence"), training, fitted["matcher_"])
+        report(diagnose(training, learned, getattr(fitted["confidence_"], "training_errors_", None)))
+        self.__dict__.update(fitted)  # at once, so that an interrupted fit leaves nothing behind
+        task.end(fitted)
+        return self
+
+    def functional_maps(self, X: Sequence[ProbedShape]) -> FloatArray:
+        """Return the full maps X_i(D), from functions on the reference to functions on each shape.
+
+        Parameters
+        ----------
+        X : sequence of ProbedShape
+            New shapes.
+
+        Returns
+        -------
+        maps : ndarray of shape (n_shapes, k, k)
+            Functional maps, in the order of ``X``.
+
+        Warns
+        -----
+        UnfamiliarShapeWarning
+            If a shape is not like the training shapes.
+        """
+        usable, k = self._usable(X), len(self.stable_basis_)
+        solutions = self._solutions(usable.shapes)
+        familiar = [self.confidence_ is None or self.confidence_.is_familiar(one) for one in solutions]
+        report(diagnose_new_shapes(usable, [False] * len(familiar), familiar))
+        return np.stack(put_back([one.C for one in solutions], usable, lambda _: np.full((k, k), np.nan)))
+
+    def ground_truth_maps(self, X: Sequence[ProbedShape], y: Sequence[Any]) -> FloatArray:
+        """Return the maps C_i that known correspondences make, to compare `functional_maps` with.
+
+        Parameters
+        ----------
+        X, y : sequence of ProbedShape, sequence of correspondences
+            Shapes and where they lie on the template.
+
+        Returns
+        -------
+        maps : ndarray of shape (n_shapes, k, k)
+            From functions on the reference to functions on each shape.
+
+        Raises
+        ------
+        CorrespondenceError
+            If a shape and the reference share fewer than k distinct landmarks.
+        """
+        usable, answers = self._scored(X, y)
+        k, truth_0, reference = len(self.stable_basis_), self.reference_correspondence_, self.reference_
+        joins = [join_with_reference(a, s, truth_0, reference) for a, s in zip(answers, usable.shapes, strict=True)]
+        known = known_maps(usable.shapes, reference, joins, k, memory=self.memory, n_jobs=self.n_jobs)
+        warn_of_coverage(known, [describe(i, s) for i, s in zip(usable.indices, usable.shapes, strict=True)], k)
+        return np.stack(put_back([one.C for one in known], usable, lambda _: np.full((k, k), np.nan)))
+
+    def predict(self, X: Sequence[ProbedShape]) -> FloatArray:
+        """Return the reduced maps X_i(D) Y_p of section 4.2.
+
+        Parameters
+        ----------
+        X : sequence of ProbedShape
+            New shapes.
+
+        Returns
+        -------
+        reduced : ndarray of shape (n_shapes, k, p)
+            Images on each shape of the p most stable functions of the reference.
+        """
+        return self.functional_maps(X) @ self.stable_basis_[:, : self.n_stable_]
+
+    def match(self, X: Sequence[ProbedShape], *, refine: Any = "fitted", interpolate: str | None = None) -> list[Match]:
+        """Match the points of each shape to those of the reference, in the stable functions.
+
+        Parameters
+        ----------
+        X : sequence of ProbedShape
+            New shapes.
+        refine : str, Refinement or None, default="fitted"
+            As the parameter of that name; ``"fitted"`` is what the model was fitted with, None not at all. Errors are
+            calibrated for these two; any other refinement is given the expected errors of the match before it.
+        interpolate : {"barycentric", "soft"} or None, default=None
+            Whether `Match.matrix` holds one vertex of the reference for each of S_i, the nearest point on the triangles
+            around it, or several vertices weighted by their distance in the embedding.
+
+        Returns
+        -------
+        list of Match
+            Point map (from each shape to the reference), expected errors, confidence and functional maps.
+
+        Warns
+        -----
+        OrientationWarning
+            If a shape fits the reference much better as a mirror image. A mirrored body that is its own mirror image
+            cannot be told from a body, and is matched by its own left and right.
+        UnfamiliarShapeWarning
+            If a shape is not like the training shapes: another kind of body, another resolution.
+        """
+        usable = self._usable(X)
+        found = self._matched(usable.shapes, refine, interpolate)
+        mirrored, familiar = [is_mirrored(one.solution) for one in found], [one.match.familiar for one in found]
+        report(diagnose_new_shapes(usable, mirrored, familiar))
+        assessed = self.confidence_ is not None
+        return put_back(
+            [one.match for one in found], usable, lambda skipped: no_match(skipped, self.matcher_, assessed=assessed)
+        )
+
+    def point_maps(
+        self, X: Sequence[ProbedShape], *, matching: str = "fitted", n_stable: Any = "fitted", refine: Any = "fitted"
+    ) -> list[IntArray]:
+        """Return point maps alone, in other functions than the parameters say if asked.
+
+        ``matching="cut", n_stable=1.0`` matches in all functions alike, which is the full map of the paper's figure 5.
+
+        Parameters
+        ----------
+        X : sequence of ProbedShape
+            New shapes.
+        matching, n_stable, refine : optional
+            As the parameters of these names; ``"fitted"`` is what the model was fitted with.
+
+        Returns
+        -------
+        list of ndarray of int, each of shape (n_vertices_i,)
+            Vertex of the reference for each vertex of S_i; -1 for vertices that were removed, and for all of a shape
+            that was left out.
+        """
+        usable = self._usable(X)
+        p2ps = self._point_maps(usable.shapes, matching=matching, n_stable=n_stable, refine=refine)
+        given = [expand(p2p, shape.spectral.vertex_map, -1) for p2p, shape in zip(p2ps, usable.shapes, strict=True)]
+        return put_back(given, usable, lambda skipped: np.full(skipped.n_vertices, -1))
+
+    def stability_function(self) -> FloatArray:
+        """Return how far learned maps miss each point of the reference, as a function to look at.
+
+        Returns
+        -------
+        ndarray of shape (n_vertices_0,)
+            Root of the sum over Y of squared (singular value times function), per training shape: the length of what
+            maps add to the row of a point in the embedding. Low where many functions agree.
+        """
+        check_is_fitted(self)
+        k = len(self.stable_basis_)
+        scaled = self.reference_.spectral.evecs[:, :k] @ (self.stable_basis_ * self.stability_)
+        return np.asarray(np.linalg.norm(scaled, axis=1) / np.sqrt(self.record_.total_share))
+
+    def pair_errors(
+        self,
+        X: Sequence[ProbedShape],
+        y: Sequence[Any],
+        *,
+        method: str = "heat",
+        matching: str = "fitted",
+        n_stable: Any = "fitted",
+        refine: Any = "fitted",
+        reference_y: Any = None,
+    ) -> list[PairErrors]:
+        """Match shapes of known correspondence and return the error at each pair.
+
+        Parameters
+        ----------
+        X, y : sequence of ProbedShape, sequence of correspondences
+            Shapes and where they lie on the template.
+        method : {"heat", "exact", "dijkstra"}, default="heat"
+            How distances on the reference are measured; see `skfmap.metrics.GeodesicDistances`.
+        matching, n_stable, refine : optional
+            As in `point_maps`.
+        reference_y : Correspondence or int array, optional
+            Where the reference lies at the template points of ``y``; what `fit` was given by default. With sparse
+            landmarks, fit one half of them and score the other.
+
+        Returns
+        -------
+        list of PairErrors
+            In units of sqrt(area) of the reference; without pairs for a shape that was left out.
+        """
+        usable, answers = self._scored(X, y)
+        p2ps = self._point_maps(usable.shapes, matching=matching, n_stable=n_stable, refine=refine)
+        self._tell("geodesic distances on the reference, once for all scores")
+        measured = {"method": method, "memory": self.memory, "n_jobs": self.n_jobs, "reference_y": reference_y}
+        return score_point_maps(p2ps, usable, answers, self.reference_, self.reference_correspondence_, **measured)
+
+    def score(
+        self,
+        X: Sequence[ProbedShape],
+        y: Sequence[Any],
+        sample_weight: Sequence[float] | None = None,
+        reference_y: Any = None,
+    ) -> float:
+        """Return minus the mean geodesic error of the matches; larger is better.
+
+        Direct: a symmetric answer counts as an error. `skfmap.metrics.get_scorer` has the kinds that forgive it.
+
+        Parameters
+        ----------
+        X, y : sequence of ProbedShape, sequence of correspondences
+            Shapes and where they lie on the template.
+        sample_weight : array-like of shape (n_shapes,), optional
+            Share of each shape.
+        reference_y : Correspondence or int array, optional
+            As in `pair_errors`.
+
+        Returns
+        -------
+        float
+            In units of sqrt(area) of the reference, averaged over pairs and then over shapes. Shapes that were left out
+            do not count; NaN if all were.
+        """
+        means = [errors.mean("direct") for errors in self.pair_errors(X, y, reference_y=reference_y)]
+        return -mean_over_shapes(means, check_sample_weight(sample_weight, len(means)))
+
+    def set_params(self, **params: Any) -> Self:
+        """Set parameters; those of a part, as ``refine__step``, where the part is an object and not a word."""
+        check_part_is_object(params, self.get_params(deep=False), _WORDS)
+        return super().set_params(**params)
+
+    def _check_parameters(self) -> None:
+        check_number(self.n_functions, "n_functions", low=2, integer=True)
+        if isinstance(self.weighting, str) or self.weighting is None:
+            check_choice(self.weighting, "weighting", WEIGHTINGS)
+        if isinstance(self.epsilon, str):
+            check_choice(self.epsilon, "epsilon", ("auto",))
+        else:
+            check_number(self.epsilon, "epsilon", low=0, strict=True)
+        check_number(self.alpha, "alpha", low=0, strict=True)
+        if not callable(self.regularizer):
+            check_choice(self.regularizer, "regularizer", (*REGULARIZERS, LEARNED))
+        check_choice(self.normalize, "normalize", ("shape", "reference"))
+        check_choice(self.matching, "matching", MATCHINGS)
+        for name in _WORDS:
+            self._part(name)
+        check_choice(self.on_invalid, "on_invalid", ("raise", "skip"))
+        if not isinstance(self.reference, str):
+            raise ValueError(f"reference must be the name of a shape, or one of its words; got {self.reference!r}.")
+        check_number(self.max_iter, "max_iter", low=1, integer=True)
+        check_number(self.tol, "tol", low=0)
+        _count_stable(self.n_stable, self.n_functions)
+
+    def _part(self, name: str, **override: Any) -> Any:
+        """Return what ``refine`` or ``confidence`` stands for, unfitted."""
+        return make_part(override.get(name, getattr(self, name)), name, _WORDS[name], _METHODS[name])
+
+    def _training_set(self, X: Any, y: Any, sample_weight: Any) -> TrainingSet:
+        learning = ("weighting", "epsilon", "alpha", "regularizer", "normalize", "max_iter", "tol")
+        return TrainingSet.from_samples(
+            X,
+            y,
+            sample_weight,
+            n_functions=self.n_functions,
+            reference=self.reference,
+            on_invalid=self.on_invalid,
+            options={name: getattr(self, name) for name in learning},
+            memory=self.memory,
+            n_jobs=self.n_jobs,
+        )
+
+    def _learn(self, training: TrainingSet, task: FitTask) -> LearnedMaps:
+        """Learn weights and stable basis, telling callbacks of each iteration."""
+
+        def after_iteration(iteration: int, loss: float, so_far: Callable[[], LearnedMaps]) -> bool:
+            if iteration % 10 == 0:
+                self._tell(f"iteration {iteration}: loss {loss:.4f}")
+            stop = task.end_iteration(lambda: self._assembled(training, so_far()))
+            task.begin_iteration()
+            return stop
+
+        task.begin_iteration()
+        n_threads = min(effective_n_jobs(self.n_jobs), cpu_count())  # a cluster's workers are not threads here
+        return training.learn(n_threads=n_threads, callback=after_iteration)
+
+    def _assembled(self, training: TrainingSet, learned: LearnedMaps) -> dict[str, Any]:
+        """Return what `fit` leaves behind, but for the confidence."""
+        n_stable = _count_stable(self.n_stable, self.n_functions)
+        matcher = Matcher.from_learned(training, learned, matching=self.matching, n_stable=n_stable)
+        return {
+            "matcher_": replace(matcher, refinement=fit_part(self._part("refine"), training, matcher)),
+            "record_": training.record(learned),
+            "confidence_": None,
+        }
+
+    def _matcher(self, *, matching: str = "fitted", n_stable: Any = "fitted", refine: Any = "fitted") -> Matcher:
+        """Return what matches new shapes, with other settings if asked."""
+        settings, refinement = self.matcher_.settings, self.matcher_.refinement
+        if matching != "fitted":
+            settings = settings._replace(matching=check_choice(matching, "matching", MATCHINGS))
+        if not isinstance(n_stable, str) or n_stable != "fitted":
+            settings = settings._replace(n_stable=_count_stable(n_stable, len(self.stable_basis_)))
+        if not isinstance(refine, str) or refine != "fitted":
+            refinement = self._part("refine", refine=refine)
+        return replace(self.matcher_, settings=settings, refinement=refinement)
+
+    def _usable(self, X: Any) -> Usable:
+        check_is_fitted(self)
+        return check_new_shapes(X, self.reference_, len(self.stable_basis_))
+
+    def _scored(self, X: Any, y: Any) -> tuple[Usable, list[Any]]:
+        check_is_fitted(self)
+        return check_scored(X, y, self.reference_, len(self.stable_basis_), skip=self.on_invalid == "skip")
+
+    def _solutions(self, shapes: Sequence[ProbedShape]) -> list[Solution]:
+        return map_shapes(self.matcher_.solve, ((s,) for s in shapes), n_jobs=self.n_jobs, verbose=0, prefer="threads")
+
+    def _matched(self, shapes: Sequence[ProbedShape], refine: Any, interpolate: str | None) -> list[MatchedShape]:
+        """Return the matches of shapes that can be used, without a word about them."""
+        check_choice(interpolate, "interpolate", INTERPOLATIONS)
+        matcher = self._matcher(refine=refine)
+        refined = matcher.refinement is not None and same_part(matcher.refinement, self.refine_)
+        arguments = ((matcher, self.confidence_, shape, interpolate, refined) for shape in shapes)
+        return map_shapes(match_shape, arguments, n_jobs=self.n_jobs, verbose=0, prefer="threads")
+
+    def _point_maps(self, shapes: Sequence[ProbedShape], **how: Any) -> list[IntArray]:
+        """Return point maps in the numbers of the meshes that were matched."""
+        matcher = self._matcher(**how)
+        arguments = ((matcher, shape) for shape in shapes)
+        return map_shapes(point_map, arguments, n_jobs=self.n_jobs, verbose=0, prefer="threads")
+
+    def _tell(self, message: str) -> None:
+        if self.verbose:
+            tell(f"[{type(self).__name__}] {message}")
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        """Take what was saved, by earlier releases too."""
+        super().__setstate__(upgraded(state))
+
+    def __sklearn_is_fitted__(self) -> bool:
+        """Tell whether `fit` has ended."""
+        return hasattr(self, "matcher_")
+
+    def __sklearn_tags__(self) -> Tags:
+        """Return tags that say that samples are no rows of a table, and that y is needed."""
+        tags = super().__sklearn_tags__()
+        tags.input_tags.two_d_array = False
+        tags.target_tags.required = True
+        return tags
+
+
+def _count_stable(n_stable: float | None, k: int) -> int:
+    """Return p."""
+    if n_stable is None:
+        return max(1, k // 2)
+    if isinstance(n_stable, (int, np.integer)):
+        return int(check_number(n_stable, "n_stable", low=1, high=k, integer=True))
+    return max(1, round(check_number(n_stable, "n_stable", low=0, high=1, strict=True) * k))

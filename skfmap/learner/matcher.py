@@ -1,0 +1,150 @@
+"""What matching a new shape needs, all of it learned: equation (2), section 4.2, refinement."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, NamedTuple, Self
+
+import numpy as np
+
+from skfmap._tools.types import Array, BoolArray, FloatArray, IntArray
+from skfmap.functional.fmap import MapEquation
+from skfmap.functional.learning import LearnedMaps
+from skfmap.functional.normalization import scale_by
+from skfmap.functional.regularization import penalty_of
+from skfmap.functional.residuals import residual_covariance, trusted_functions
+from skfmap.learner.training_set import TrainingSet
+from skfmap.refinement import PointMatch, match_points
+from skfmap.shapes import ProbedShape
+
+__all__ = ["MATCHINGS", "Matcher", "Settings", "Solution", "embedding_distance", "odd_probes"]
+
+MATCHINGS = ("soft", "cut")
+# Families whose names begin so change sign under a reflection.
+_ODD = "oriented"
+
+
+class Settings(NamedTuple):
+    """Parameters that weights and errors belong to; setting them later has no effect before the next fit."""
+
+    alpha: float
+    normalize: str
+    regularizer: str | Callable[[FloatArray, FloatArray], FloatArray]
+    matching: str
+    n_stable: int
+
+
+class Solution(NamedTuple):
+    """Equation (2) for one shape: X_i(D), what is left there, and what is left of the shape's mirror image."""
+
+    C: FloatArray
+    residual: float
+    mirrored_residual: float
+
+
+@dataclass(frozen=True, eq=False)
+class Matcher:
+    """What matching a new shape needs.
+
+    Attributes
+    ----------
+    reference : ProbedShape
+        S_0.
+    weights : ndarray of shape (m,)
+        Diagonal of D.
+    stable_basis : ndarray of shape (k, k)
+        Y.
+    residual_covariance, truncation_covariance : ndarray
+        How far learned maps, and known ones in all functions held, put the points of training shapes from where they
+        belong.
+    settings : Settings
+        How equation (2) is set up, and which functions points are matched in.
+    refinement : Refinement or None
+        A part with a ``refine`` method.
+    """
+
+    reference: ProbedShape
+    weights: FloatArray
+    stable_basis: FloatArray
+    residual_covariance: FloatArray
+    truncation_covariance: FloatArray
+    settings: Settings
+    refinement: Any = None
+
+    @classmethod
+    def from_learned(
+        cls, training: TrainingSet, learned: LearnedMaps, *, matching: str, n_stable: int, refinement: Any = None
+    ) -> Self:
+        """Put together what was learned from a training set; shapes without a share are not asked."""
+        rows = training.used
+        size = min(len(training.known[i].truncation) for i in rows)
+        residuals = [_residuals(training, i, learned.maps[i]) for i in rows]
+        truncations = [training.known[i].truncation[:size, :size] for i in rows]
+        options, share = training.options, training.share[rows]
+        return cls(
+            reference=training.reference,
+            weights=learned.weights,
+            stable_basis=learned.stable_basis,
+            residual_covariance=np.average(residuals, axis=0, weights=share),
+            truncation_covariance=np.average(truncations, axis=0, weights=share),
+            settings=Settings(options["alpha"], options["normalize"], learned.regularizer, matching, n_stable),
+            refinement=refinement,
+        )
+
+    @property
+    def probe_names(self) -> Array:
+        """What each weight belongs to; an object array of shape (m,)."""
+        return np.array(self.reference.probe_names, dtype=object)
+
+    @property
+    def probe_categories(self) -> Array:
+        """Family of each probe function; an object array of shape (m,)."""
+        return np.array(self.reference.probe_categories, dtype=object)
+
+    @property
+    def functions(self) -> FloatArray:
+        """Functions that points are matched in, shape (k, k) or (k, p)."""
+        if self.settings.matching == "cut":
+            return self.stable_basis[:, : self.settings.n_stable]
+        return trusted_functions(self.residual_covariance)
+
+    def solve(self, shape: ProbedShape, *, mirrored: bool = False) -> Solution:
+        """Solve equation (2) for a shape, and for its mirror image if asked, from one factorisation.
+
+        Mirroring turns the sign of oriented probes on the right-hand side, and nothing else.
+        """
+        k, spectral_0 = len(self.stable_basis), self.reference.spectral
+        alpha, normalize, regularizer = self.settings[:3]
+        probes_0, probes_i = self.reference.probes[:k], shape.probes[:k]
+        scaled_0, scaled_i = (scale_by(probes_0, probes, normalize) for probes in (probes_0, probes_i))
+        penalty = penalty_of(shape.spectral.evals[:k], spectral_0.evals[:k], alpha, regularizer)
+        equation = MapEquation(scaled_0, penalty, self.weights)
+        C = equation.solve(scaled_i)
+        image = np.nan
+        if mirrored and (odd := odd_probes(self.reference)).any():
+            turned = np.where(odd, -scaled_i, scaled_i)
+            image = equation.objective(equation.solve(turned), turned)
+        return Solution(C, equation.objective(C, scaled_i), image)
+
+    def match(self, shape: ProbedShape, C: FloatArray) -> tuple[PointMatch, PointMatch]:
+        """Match the points of a shape under its learned map; return the match before refinement and after."""
+        before = match_points(shape.spectral, self.reference.spectral, C, self.functions)
+        return before, before if self.refinement is None else self.refinement.refine(self, shape.spectral, before)
+
+
+def odd_probes(shape: ProbedShape) -> BoolArray:
+    """Return which probe functions change sign under a reflection, shape (m,)."""
+    return np.array([category.startswith(_ODD) for category in shape.probe_categories])
+
+
+def embedding_distance(shape: ProbedShape, match: PointMatch) -> float:
+    """Return the mean distance, by area, between the points of a shape and those that they are matched to."""
+    distances = np.linalg.norm(match.points_i - match.points_0[match.p2p], axis=1)
+    return float(np.average(distances, weights=shape.spectral.mass))
+
+
+def _residuals(training: TrainingSet, i: IntArray, C: FloatArray) -> FloatArray:
+    """Return the covariance of what a learned map misses at the known pairs of a training shape."""
+    k, join = training.k, training.joins[i]
+    evecs_i = training.shapes[i].spectral.evecs[join.vertices_i, :k]
+    evecs_0 = training.reference.spectral.evecs[join.vertices_0, :k]
+    return residual_covariance(evecs_i, evecs_0, training.known[i].areas, C)

@@ -1,0 +1,46 @@
+"""The most average shape of a collection (section 3.1)."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from skfmap._tools.parallel import map_shapes
+from skfmap._tools.ties import first_of_least
+from skfmap._tools.types import FloatArray, IntArray
+from skfmap.exceptions import CorrespondenceError
+from skfmap.geometry.geodesics import farthest_vertices, heat_distances
+from skfmap.shapes import Correspondence, ProbedShape
+
+__all__ = ["medoid_index"]
+
+# Template points that distances are compared between.
+_N_POINTS = 50
+
+
+def medoid_index(shapes: Sequence[ProbedShape], truths: Sequence[Correspondence], n_jobs: int | None) -> int:
+    """Return the shape with the least mean relative difference of geodesic distances to all others (section 3.1)."""
+    common = truths[0].pairs[:, 1]
+    for truth in truths[1:]:
+        common = np.intersect1d(common, truth.pairs[:, 1])
+    if len(common) < 2:
+        raise CorrespondenceError("reference='medoid' needs template points that all shapes have; name a shape.")
+    vertices = [_vertices_at(truth, common) for truth in truths]
+    first = shapes[0].spectral.mesh
+    spread, _ = farthest_vertices(first.vertices, first.faces, np.unique(vertices[0]), _N_POINTS)
+    columns = np.searchsorted(vertices[0], spread, sorter=np.argsort(vertices[0], kind="stable"))
+    columns = np.argsort(vertices[0], kind="stable")[columns]
+    arguments = ((shape, at[columns]) for shape, at in zip(shapes, vertices, strict=True))
+    tables = np.stack(map_shapes(_landmark_distances, arguments, n_jobs=n_jobs, verbose=0))
+    scale = np.maximum(tables.mean(axis=0), 1e-12)
+    cost = np.array([(np.abs(tables - table) / scale).mean() for table in tables])
+    return first_of_least(cost)  # the costs of two shapes are always equal
+
+
+def _vertices_at(truth: Correspondence, points: IntArray) -> IntArray:
+    """Return one vertex for each of ``points``, which the correspondence is known to have."""
+    order = np.argsort(truth.pairs[:, 1], kind="stable")
+    return truth.pairs[order[np.searchsorted(truth.pairs[order, 1], points)], 0]
+
+
+def _landmark_distances(shape: ProbedShape, landmarks: IntArray) -> FloatArray:
+    return heat_distances(shape.spectral.vertices, shape.spectral.mesh.faces, landmarks)[:, landmarks]

@@ -1,0 +1,130 @@
+"""The match of one new shape, from what was learned."""
+
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+import scipy.sparse as sp
+from sklearn.neighbors import NearestNeighbors
+
+from skfmap._tools.types import FloatArray, IntArray, SparseMatrix
+from skfmap.functional.subvertex import nearest_on_triangles
+from skfmap.learner.confidence import Confidence
+from skfmap.learner.matcher import Matcher, Solution
+from skfmap.learner.signs import count_supporting
+from skfmap.refinement import PointMatch
+from skfmap.shapes import Match, ProbedShape, SkippedShape
+from skfmap.shapes.given_vertices import as_given
+
+__all__ = ["INTERPOLATIONS", "MatchedShape", "match_shape", "no_match", "point_map"]
+
+INTERPOLATIONS = (None, "barycentric", "soft")
+
+# Vertices of the reference that a soft match is shared among.
+_N_SHARED = 8
+# Vertices of S_i at a time: memory of the candidate triangles.
+_CHUNK = 2000
+
+
+class MatchedShape(NamedTuple):
+    """A match, and the solution of equation (2) that it came from."""
+
+    match: Match
+    solution: Solution
+
+
+def point_map(matcher: Matcher, shape: ProbedShape) -> IntArray:
+    """Return the vertex of S_0 for each vertex of S_i."""
+    return matcher.match(shape, matcher.solve(shape).C)[1].p2p
+
+
+def match_shape(
+    matcher: Matcher, confidence: Confidence | None, shape: ProbedShape, interpolate: str | None, refined: bool
+) -> MatchedShape:
+    """Match one shape and say how far to trust each vertex; answers are at the vertices that it came with.
+
+    ``refined`` tells whether the matcher's refinement is the one that ``confidence`` was fitted with.
+    """
+    solution = matcher.solve(shape, mirrored=True)
+    before, after = matcher.match(shape, solution.C)
+    match = Match(
+        after.p2p,
+        None,
+        None,
+        solution.C,
+        solution.C @ matcher.stable_basis[:, : matcher.settings.n_stable],
+        shape.name,
+        matcher.reference.name,
+        refined_map=after.refined_map,
+        n_supporting=count_supporting(matcher, shape, after),
+        matrix=_matrix(matcher, after, interpolate),
+        inverse=after.inverse,
+        reference_hash=matcher.reference.spectral.mesh.content_hash,
+    )
+    if confidence is not None:
+        trust = confidence.assess(matcher, shape, solution, before, after, refined=refined)
+        match = replace(match, **trust._asdict())
+    return MatchedShape(as_given(match, shape.spectral.vertex_map), solution)
+
+
+def no_match(shape: SkippedShape, matcher: Matcher, *, assessed: bool) -> Match:
+    """Return the answer for a shape that cannot be used: -1 and NaN."""
+    n_i, mesh_0, k = shape.n_vertices, matcher.reference.spectral.mesh, len(matcher.stable_basis)
+    unknown = np.full(n_i, np.nan) if assessed else None
+    return Match(
+        np.full(n_i, -1),
+        unknown,
+        unknown,
+        np.full((k, k), np.nan),
+        np.full((k, matcher.settings.n_stable), np.nan),
+        shape.name,
+        matcher.reference.name,
+        n_supporting=np.zeros(n_i, dtype=np.int64),
+        matrix=sp.csr_array((n_i, mesh_0.n_vertices)),
+        inverse=np.full(mesh_0.n_vertices, -1),
+        reference_hash=mesh_0.content_hash,
+    )
+
+
+def _matrix(matcher: Matcher, match: PointMatch, interpolate: str | None) -> SparseMatrix:
+    """Return the match as a sparse array of shape (n_vertices_i, n_vertices_0), rows summing to 1."""
+    n_i, n_0 = len(match.points_i), len(match.points_0)
+    if interpolate == "barycentric":
+        columns, weights = _barycentric(match, matcher.reference.spectral.mesh.faces)
+    elif interpolate == "soft":
+        columns, weights = _soft(match)
+    else:
+        columns, weights = match.p2p[:, None], np.ones((n_i, 1))
+    rows = np.repeat(np.arange(n_i), columns.shape[1])
+    matrix = sp.coo_array((weights.ravel(), (rows, columns.ravel())), shape=(n_i, n_0)).tocsr()
+    matrix.eliminate_zeros()
+    return matrix
+
+
+def _soft(match: PointMatch) -> tuple[IntArray, FloatArray]:
+    """Share each vertex among its nearest, by a Gaussian as wide as the distance to the nearest."""
+    n_shared = min(_N_SHARED, len(match.points_0))
+    distances, columns = (
+        NearestNeighbors(n_neighbors=n_shared, algorithm="brute").fit(match.points_0).kneighbors(match.points_i)
+    )
+    width = np.maximum(distances[:, :1], 1e-12)
+    weights = np.exp(-(np.square(distances) - np.square(width)) / (2 * np.square(width)))
+    return columns, weights / weights.sum(axis=1, keepdims=True)
+
+
+def _barycentric(match: PointMatch, faces: IntArray) -> tuple[IntArray, FloatArray]:
+    """Return the nearest point on the triangles around each match, in the embedding."""
+    order = np.argsort(faces, axis=None, kind="stable")
+    start = np.searchsorted(faces.ravel()[order], np.arange(len(match.points_0) + 1))
+    best_face, best = np.zeros(len(match.p2p), dtype=np.int64), np.zeros((len(match.p2p), 3))
+    for first in range(0, len(match.p2p), _CHUNK):
+        rows = np.arange(first, min(first + _CHUNK, len(match.p2p)))
+        begin, counts = start[match.p2p[rows]], np.diff(start)[match.p2p[rows]]
+        owner = np.repeat(np.arange(len(rows)), counts)
+        within = np.arange(len(owner)) - np.repeat(np.cumsum(counts) - counts, counts)
+        around = order[np.repeat(begin, counts) + within] // 3
+        coordinates, squared = nearest_on_triangles(match.points_i[rows[owner]], match.points_0[faces[around]])
+        by_distance = np.lexsort((squared, owner))
+        nearest = by_distance[np.searchsorted(owner[by_distance], np.arange(len(rows)))]
+        best_face[rows], best[rows] = around[nearest], coordinates[nearest]
+    return faces[best_face], best

@@ -1,0 +1,69 @@
+"""What training shapes show of their matches, at well-spread vertices of the reference."""
+
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from skfmap._tools.caching import cached, hash_of_arrays
+from skfmap._tools.types import FloatArray, IntArray
+from skfmap.geometry.geodesics import farthest_vertices, heat_distances
+from skfmap.learner.matcher import Matcher
+from skfmap.learner.signs import vertex_signs
+from skfmap.refinement import PointMatch
+from skfmap.shapes import JoinedPairs, Mesh, ProbedShape
+
+__all__ = ["Observation", "Watch", "observe", "watch_reference"]
+
+# Vertices of the reference that errors are observed at.
+_N_WATCHED = 500
+
+
+class Watch(NamedTuple):
+    """Well-spread vertices of the reference, and the distances from each to all, at unit area."""
+
+    vertices: IntArray
+    distances: FloatArray
+
+
+class Observation(NamedTuple):
+    """What a training shape showed at the watched vertices: signs, errors, weights, matches and places in the watch."""
+
+    signs: FloatArray
+    errors: FloatArray
+    weights: FloatArray
+    matched: IntArray
+    watched: IntArray
+
+    @property
+    def mean_error(self) -> float:
+        """Mean error; NaN where no pair with an area leads to a watched vertex."""
+        return float(np.average(self.errors, weights=self.weights)) if self.weights.any() else float("nan")
+
+
+def watch_reference(reference: ProbedShape, joins: Sequence[JoinedPairs], memory: Any) -> Watch:
+    """Choose the vertices of the reference at which errors are observed, among those with known pairs."""
+    mesh = reference.spectral.mesh
+    known = np.unique(np.concatenate([join.vertices_0 for join in joins]))
+    content_hash = hash_of_arrays(mesh.vertices, mesh.faces, known)
+    return Watch(*cached(_distances_from_some, memory)((mesh, known), content_hash))
+
+
+def _distances_from_some(where: tuple[Mesh, IntArray], content_hash: str) -> tuple[IntArray, FloatArray]:  # noqa: ARG001
+    mesh, known = where
+    at_unit_area = mesh.vertices / np.sqrt(mesh.area)
+    chosen, edge_paths = farthest_vertices(at_unit_area, mesh.faces, known, _N_WATCHED)
+    order = np.argsort(chosen)
+    return chosen[order], heat_distances(at_unit_area, mesh.faces, chosen[order], edge_paths[order])
+
+
+def observe(
+    matcher: Matcher, shape: ProbedShape, join: JoinedPairs, areas: FloatArray, match: PointMatch, watch: Watch
+) -> Observation:
+    """Return signs and errors at the pairs of a training shape that lead to watched vertices and have an area."""
+    rows = np.flatnonzero(np.isin(join.vertices_0, watch.vertices) & (areas > 0))
+    at = join.vertices_i[rows]
+    watched = np.searchsorted(watch.vertices, join.vertices_0[rows])
+    matched = match.p2p[at]
+    signs = vertex_signs(matcher, shape, match)[at]
+    return Observation(signs, watch.distances[watched, matched], join.weights[rows], matched, watched)

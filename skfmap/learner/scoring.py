@@ -1,0 +1,57 @@
+"""Errors of point maps at known pairs, as scores use them."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from skfmap._tools.types import IntArray
+from skfmap.learner.inputs import check_correspondences
+from skfmap.measures import PairErrors, pair_errors, reference_distances
+from skfmap.shapes import Correspondence, ProbedShape
+from skfmap.shapes.given_vertices import given_numbers
+from skfmap.shapes.usable import Usable, put_back
+
+__all__ = ["score_point_maps"]
+
+# References up to this many vertices have all their distances computed for a score: 256 MB as float32.
+_N_ALL_ROWS = 8000
+
+
+def score_point_maps(
+    p2ps: Sequence[IntArray],
+    usable: Usable,
+    answers: Sequence[Correspondence],
+    reference: ProbedShape,
+    truth_0: Correspondence,
+    *,
+    reference_y: Any = None,
+    method: str = "heat",
+    memory: Any = None,
+    n_jobs: int | None = None,
+) -> list[PairErrors]:
+    """Return the errors of point maps at the pairs that each shape shares with the reference, in the order of X."""
+    distances = reference_distances(reference.spectral.mesh, method, memory=memory, n_jobs=n_jobs)
+    if reference_y is not None:
+        (truth_0,) = check_correspondences([reference_y], [reference])
+    if method == "heat" and reference.spectral.mesh.n_vertices <= _N_ALL_ROWS:
+        # The same rows for every shape and fold, so that a cache serves them all.
+        distances.rows(_vertices_of(truth_0))
+    errors = [
+        _as_given(pair_errors(p2p, answer, truth_0, distances), shape)
+        for p2p, answer, shape in zip(p2ps, answers, usable.shapes, strict=True)
+    ]
+    nothing = PairErrors(np.empty(0, dtype=np.int64), np.empty(0), None, np.empty(0))
+    return put_back(errors, usable, lambda _: nothing)
+
+
+def _vertices_of(truth: Correspondence) -> IntArray:
+    symmetric = truth.pairs[:0] if truth.symmetric_pairs is None else truth.symmetric_pairs
+    return np.union1d(truth.pairs[:, 0], symmetric[:, 0])
+
+
+def _as_given(errors: PairErrors, shape: ProbedShape) -> PairErrors:
+    """Return errors at the vertices that the shape came with."""
+    vertex_map = shape.spectral.vertex_map
+    return errors if vertex_map is None else replace(errors, vertices=given_numbers(vertex_map)[errors.vertices])

@@ -1,0 +1,244 @@
+"""What there is to learn from: the reference, the other training shapes, and their known maps."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from typing import Any, NamedTuple, Self
+
+import numpy as np
+
+from skfmap._tools.types import FloatArray, IntArray
+from skfmap._tools.validation import check_sample_weight
+from skfmap.exceptions import CorrespondenceError, MeshError
+from skfmap.functional.learning import LearnedMaps, learn_functional_maps
+from skfmap.ground_truth import KnownMap, check_landmarks, join_with_reference, known_maps
+from skfmap.learner.inputs import check_correspondences, check_shapes
+from skfmap.learner.medoid import medoid_index
+from skfmap.shapes import Correspondence, JoinedPairs, ProbedShape, SkippedShape
+from skfmap.shapes.usable import describe, skipped_message
+
+__all__ = ["FitRecord", "TrainingSet"]
+
+
+class FitRecord(NamedTuple):
+    """What a fitted learner remembers of its training set and of the search, which do not outlive `fit`."""
+
+    reference_index: int
+    reference_correspondence: Correspondence
+    n_shapes: int
+    total_share: float
+    stability: FloatArray
+    epsilon: float
+    loss_curve: list[float]
+    n_iter: int
+    converged: bool
+
+    @property
+    def loss(self) -> float:
+        """Equation (3) at the end."""
+        return self.loss_curve[-1]
+
+
+@dataclass(frozen=True, eq=False)
+class TrainingSet:
+    """The reference and the other training shapes, with what is known of them.
+
+    Attributes
+    ----------
+    reference : ProbedShape
+        S_0.
+    reference_index : int
+        Its index in X.
+    truth_0 : Correspondence
+        Where it lies on the template.
+    shapes, truths : list of ProbedShape, list of Correspondence
+        The other shapes that can be used, and where they lie on the template.
+    indices : ndarray of int
+        Their indices in X.
+    joins, known : list of JoinedPairs, list of KnownMap
+        Pairs of vertices of each shape and of the reference, and the map C_i that they make.
+    share : ndarray of shape (n_shapes,)
+        Share of each shape in equation (3).
+    k : int
+        Number of functions.
+    options : dict
+        Parameters of `learn_functional_maps`.
+    skipped : str
+        Which shapes of X were left out and why; empty if none was.
+    n_given : int
+        Number of shapes in X.
+    memory, n_jobs : object
+        Cache, and shapes at a time.
+    """
+
+    reference: ProbedShape
+    reference_index: int
+    truth_0: Correspondence
+    shapes: list[ProbedShape]
+    truths: list[Correspondence]
+    indices: IntArray
+    joins: list[JoinedPairs]
+    known: list[KnownMap]
+    share: FloatArray
+    k: int
+    options: dict[str, Any]
+    skipped: str
+    n_given: int
+    memory: Any
+    n_jobs: int | None
+
+    @classmethod
+    def from_samples(
+        cls,
+        X: Sequence[Any],
+        y: Sequence[Any],
+        sample_weight: Sequence[float] | None = None,
+        *,
+        n_functions: int,
+        reference: str = "first",
+        on_invalid: str = "raise",
+        options: dict[str, Any] | None = None,
+        memory: Any = None,
+        n_jobs: int | None = None,
+    ) -> Self:
+        """Sort out the samples, join their correspondences with the reference's, and fit the known maps."""
+        given = check_shapes(X, n_functions)
+        answers = check_correspondences(y, given, skip=on_invalid == "skip")
+        share = check_sample_weight(sample_weight, len(given))
+        index = _reference_index(reference, given, answers, n_jobs)
+        shape_0, truth_0 = given[index], answers[index]
+        if on_invalid == "skip":
+            answers = [
+                answer if i == index else _or_skipped(answer, shape, truth_0, shape_0, n_functions)
+                for i, (answer, shape) in enumerate(zip(answers, given, strict=True))
+            ]
+        skipped = skipped_message(answers)
+        rest = [i for i, answer in enumerate(answers) if i != index and not isinstance(answer, SkippedShape)]
+        if not rest:
+            raise ValueError(f"Give at least two shapes: the reference and one to learn from; got 1. {skipped}".strip())
+        if not share[rest].any():
+            raise ValueError("sample_weight is zero for every shape but the reference; there is nothing to learn from.")
+        shapes, truths = [given[i] for i in rest], [answers[i] for i in rest]
+        joins = [join_with_reference(t, s, truth_0, shape_0) for t, s in zip(truths, shapes, strict=True)]
+        known = known_maps(shapes, shape_0, joins, n_functions, memory=memory, n_jobs=n_jobs)
+        return cls(
+            reference=shape_0,
+            reference_index=index,
+            truth_0=truth_0,
+            shapes=shapes,
+            truths=truths,
+            indices=np.array(rest),
+            joins=joins,
+            known=known,
+            share=share[rest],
+            k=n_functions,
+            options=_resolved(options or {}, shape_0),
+            skipped=skipped,
+            n_given=len(given),
+            memory=memory,
+            n_jobs=n_jobs,
+        )
+
+    @property
+    def used(self) -> IntArray:
+        """The shapes that have a share in the learning, by their positions here."""
+        return np.flatnonzero(self.share > 0)
+
+    def record(self, learned: LearnedMaps) -> FitRecord:
+        """Return what outlives `fit`, beside what is matched with."""
+        return FitRecord(
+            reference_index=self.reference_index,
+            reference_correspondence=self.truth_0,
+            n_shapes=len(self.used),
+            total_share=float(self.share.sum()),
+            stability=learned.stability,
+            epsilon=learned.epsilon,
+            loss_curve=learned.optimum.loss_curve,
+            n_iter=learned.optimum.n_iter,
+            converged=learned.optimum.converged,
+        )
+
+    def describe(self, i: int) -> str:
+        """Return what messages call the i-th shape here: by its index in X and its name."""
+        return describe(int(self.indices[i]), self.shapes[i])
+
+    def only(self, rows: IntArray) -> Self:
+        """Return the training set of some of the shapes, and the reference."""
+        parts: dict[str, Any] = {
+            name: [getattr(self, name)[i] for i in rows] for name in ("shapes", "truths", "joins", "known")
+        }
+        return replace(self, **parts, indices=self.indices[rows], share=self.share[rows])
+
+    def arrays(self) -> dict[str, Any]:
+        """Return what equation (3) is about, as `learn_functional_maps` takes it."""
+        k = self.k
+        return {
+            "probes_0": self.reference.probes[:k],
+            "probes": np.stack([shape.probes[:k] for shape in self.shapes]),
+            "evals_0": self.reference.spectral.evals[:k],
+            "evals": np.stack([shape.spectral.evals[:k] for shape in self.shapes]),
+            "maps": np.stack([one.C for one in self.known]),
+            "sample_weight": self.share,
+        }
+
+    def learn(
+        self, *, n_threads: int = 1, callback: Callable[..., bool | None] | None = None, **changes: Any
+    ) -> LearnedMaps:
+        """Learn weights and stable basis; ``changes`` are of the options."""
+        return learn_functional_maps(
+            **self.arrays(), **{**self.options, **changes}, n_threads=n_threads, callback=callback
+        )
+
+
+def _reference_index(reference: str, shapes: Sequence[Any], truths: Sequence[Any], n_jobs: int | None) -> int:
+    """Return the index of the reference; one that cannot be used is an error."""
+    index = _index_of(reference, shapes, truths, n_jobs)
+    for what in (shapes[index], truths[index]):
+        if isinstance(what, SkippedShape):
+            raise MeshError(
+                f"The reference, {describe(index, what)}, cannot be used: {what.reason} Mend it or choose another."
+            )
+    if shapes[index].spectral.vertex_map is not None:
+        raise MeshError(
+            f"The vertices of the reference, {describe(index, shapes[index])}, have other numbers since it was "
+            "mended, and matches refer to them. Mend it with repair_mesh first, and use that mesh and its numbers."
+        )
+    return index
+
+
+def _index_of(reference: str, shapes: Sequence[Any], truths: Sequence[Any], n_jobs: int | None) -> int:
+    if reference == "first":
+        return 0
+    if reference == "medoid":
+        sound = [i for i in range(len(shapes)) if not isinstance(truths[i], SkippedShape)]
+        if not sound:
+            raise MeshError(f"No shape can be used: {truths[0].reason} All others are left out too.")
+        return sound[medoid_index([shapes[i] for i in sound], [truths[i] for i in sound], n_jobs)]
+    names = [shape.name for shape in shapes]
+    if names.count(reference) != 1:
+        raise ValueError(
+            f"reference={reference!r} must name exactly one of the training shapes; got {names}. In a search "
+            "that resamples, keep it in every fold with PinnedReference."
+        )
+    return names.index(reference)
+
+
+def _or_skipped(truth: Any, shape: Any, truth_0: Correspondence, reference: ProbedShape, k: int) -> Any:
+    """Return the correspondence, or why there is nothing to be learned from it."""
+    if isinstance(truth, SkippedShape):
+        return truth
+    try:
+        check_landmarks(shape, reference, join_with_reference(truth, shape, truth_0, reference), k)
+    except CorrespondenceError as error:
+        return SkippedShape(shape.name, str(error))
+    return truth
+
+
+def _resolved(options: dict[str, Any], reference: ProbedShape) -> dict[str, Any]:
+    """Return options that need no names: a callable ``weighting`` is asked for the label of each probe."""
+    weighting = options.get("weighting", "function")
+    if callable(weighting):
+        labels = weighting(list(reference.probe_names), list(reference.probe_categories))
+        if isinstance(labels, str) or not hasattr(labels, "__iter__"):
+            raise TypeError(f"weighting must return one label for each probe; it returned {labels!r}.")
+        weighting = list(labels)
+    return {**options, "weighting": weighting, "categories": reference.probe_categories}

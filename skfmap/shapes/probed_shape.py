@@ -1,0 +1,49 @@
+"""A spectral shape with the coefficients of its probe functions."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from skfmap._tools.types import FloatArray
+from skfmap.shapes.spectral_shape import SpectralShape
+
+__all__ = ["ProbedShape"]
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class ProbedShape:
+    """A spectral shape with the coefficients of its probe functions.
+
+    Attributes
+    ----------
+    spectral : SpectralShape
+        The shape and its basis.
+    probes : ndarray of shape (n_components, n_probes)
+        Raw coefficients of the probe functions in ``spectral.evecs``: neither centred nor normalised.
+    probe_names : tuple of str
+        Name of each probe function, equal on all shapes that one transformer made.
+    probe_categories : tuple of str
+        Family of each probe function.
+    recipe : tuple of str
+        Parameters of the basis and of the families that the coefficients depend on. Shapes are matched only if they
+        agree, as far as they are known.
+    """
+
+    spectral: SpectralShape
+    probes: FloatArray
+    probe_names: tuple[str, ...]
+    probe_categories: tuple[str, ...]
+    recipe: tuple[str, ...] = ()
+
+    def __repr__(self) -> str:
+        """Return a line with name and counts."""
+        return f"ProbedShape({self.name!r}, n_components={self.probes.shape[0]}, n_probes={self.probes.shape[1]})"
+
+    @property
+    def name(self) -> str | None:
+        """Name of the mesh."""
+        return self.spectral.name
+
+    def functions(self) -> FloatArray:
+        """Return the probe functions on the vertices, smoothed by the basis; shape (n_vertices, n_probes)."""
+        return np.asarray(self.spectral.evecs @ self.probes)

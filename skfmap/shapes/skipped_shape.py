@@ -1,0 +1,27 @@
+"""The place of a shape that cannot be used."""
+
+from dataclasses import dataclass
+
+__all__ = ["SkippedShape"]
+
+
+@dataclass(frozen=True, eq=False)
+class SkippedShape:
+    """The place of a shape that cannot be used, so that those behind it keep theirs.
+
+    `SpectralBasis` leaves it behind with ``on_invalid="skip"``, and with ``"repair"`` where that fails. It goes through
+    the pipeline as it is, is left out of a fit, and is answered with NaN and -1.
+
+    Attributes
+    ----------
+    name : str or None
+        Name of the shape.
+    reason : str
+        Why it cannot be used.
+    n_vertices : int
+        Number of vertices; 0 if that is not known.
+    """
+
+    name: str | None
+    reason: str
+    n_vertices: int = 0

@@ -1,0 +1,60 @@
+"""The shapes of X that can be used, and those that are skipped, each at its index."""
+
+from collections.abc import Callable, Sequence
+from typing import Any, NamedTuple
+
+from skfmap._tools.validation import label
+from skfmap._tools.warn import warn
+from skfmap.exceptions import RepairWarning, SkippedShapeWarning
+from skfmap.shapes.skipped_shape import SkippedShape
+
+__all__ = ["Usable", "describe", "pick_usable", "put_back", "skipped_message", "warn_of_repairs", "warn_of_skipped"]
+
+
+class Usable(NamedTuple):
+    """The shapes of X that can be used, their indices in X, and the others by index."""
+
+    shapes: list[Any]
+    indices: list[int]
+    skipped: dict[int, SkippedShape]
+
+
+def pick_usable(X: Sequence[Any]) -> Usable:
+    """Return the shapes that can be used and their indices, and the others by index."""
+    skipped = {i: shape for i, shape in enumerate(X) if isinstance(shape, SkippedShape)}
+    indices = [i for i in range(len(X)) if i not in skipped]
+    return Usable([X[i] for i in indices], indices, skipped)
+
+
+def put_back(answers: Sequence[Any], usable: Usable, empty: Callable[[SkippedShape], Any]) -> list[Any]:
+    """Return the answers in the order of X, with ``empty(shape)`` for the shapes that were skipped."""
+    known = dict(zip(usable.indices, answers, strict=True))
+    known |= {i: empty(shape) for i, shape in usable.skipped.items()}
+    return [known[i] for i in range(len(known))]
+
+
+def describe(i: int, shape: object) -> str:
+    """Return what messages call the shape at index ``i`` of X: by the caller's numbering, and by name if it has one."""
+    name = getattr(shape, "name", None)
+    return f"X[{i}]" if name is None else f"X[{i}] ({name!r})"
+
+
+def skipped_message(shapes: Sequence[Any], told: Sequence[Any] = ()) -> str:
+    """Return which shapes are left out and why, or nothing; those skipped in ``told`` have been named before."""
+    before = {i for i, shape in enumerate(told) if isinstance(shape, SkippedShape)}
+    skipped = [(i, one) for i, one in enumerate(shapes) if isinstance(one, SkippedShape) and i not in before]
+    reasons = "; ".join(f"X[{i}], {label(shape.name, 'shape')}: {shape.reason}" for i, shape in skipped)
+    return f"{len(skipped)} of {len(shapes)} shapes are left out. {reasons}" if skipped else ""
+
+
+def warn_of_skipped(shapes: Sequence[Any], told: Sequence[Any] = ()) -> None:
+    """Name the shapes that are left out, and why, but for those in ``told``."""
+    if message := skipped_message(shapes, told):
+        warn(message, SkippedShapeWarning)
+
+
+def warn_of_repairs(made: Sequence[tuple[Any, str]]) -> None:
+    """Name the shapes that were mended, and say what was done."""
+    told = [f"{label(shape.name, 'shape')}: {done}" for shape, done in made if done]
+    if told:
+        warn(f"Meshes were mended. {'; '.join(told)}.", RepairWarning)

@@ -1,0 +1,61 @@
+"""Models that 0.1.0 saved before its learner was an assembly of parts: files that were written then."""
+
+import shutil
+from pathlib import Path
+
+import joblib
+import numpy as np
+import pytest
+
+import skfmap
+from skfmap.exceptions import OutdatedModelError
+from skfmap.learner.legacy import upgraded
+from skfmap.persistence import load_model, save_model
+
+DATA = Path(__file__).parent / "data"
+
+
+@pytest.fixture(scope="module")
+def new_shape(make_bodies):
+    return make_bodies([(120, 0.0), (110, 0.1), (130, -0.1), (140, 0.05)], symmetric=False).meshes[3]
+
+
+@pytest.mark.parametrize("suffix", ["skops", "joblib"])
+def test_a_model_of_before_matches_as_it_did(suffix, new_shape, tmp_path):
+    path = DATA / f"model-0.1.0.{suffix}"
+    if suffix == "skops":
+        pytest.importorskip("skops")
+    model = load_model(path) if suffix == "skops" else joblib.load(path)
+    then = np.load(DATA / "model-0.1.0-match.npz")
+    (match,) = skfmap.match(model, [new_shape])
+    assert (match.p2p == then["p2p"]).mean() > 0.97, "but for ties between neighbours"
+    np.testing.assert_allclose(match.expected_error.mean(), then["expected_error"].mean(), rtol=0.02)
+    np.testing.assert_allclose(match.functional_map, then["functional_map"], atol=1e-6)
+    learner = model[-1]
+    assert learner.refine_.step == 10
+    assert learner.n_training_shapes_ == 2
+    assert learner.loss_ == learner.loss_curve_[-1]
+    assert "bridge" not in learner.get_params()
+    if suffix == "skops":
+        save_model(model, tmp_path / "again.skops")
+        (again,) = skfmap.match(load_model(tmp_path / "again.skops"), [new_shape])
+        np.testing.assert_array_equal(again.p2p, match.p2p)
+
+
+def test_a_model_that_went_through_a_bridge_says_that_it_must_be_fitted_again(tmp_path):
+    with pytest.raises(OutdatedModelError, match=r"fit it again, with skfmap\.BridgedLearner"):
+        upgraded({"bridge": "auto", "n_functions": 8})
+    pytest.importorskip("skops")
+    shutil.copy(DATA / "model-0.1.0.skops", tmp_path / "bridged.skops")
+    content = (tmp_path / "bridged.skops").read_bytes()
+    assert content.count(b'"bridge"') == 1
+
+
+def test_an_unfitted_learner_of_before_is_read():
+    state = upgraded({"bridge": None, "n_functions": 8, "_skfmap_version": "0.1.0", "_sklearn_version": "1.7"})
+    assert state == {
+        "n_functions": 8,
+        "confidence": "cross-fit",
+        "_skfmap_version": "0.1.0",
+        "_sklearn_version": "1.7",
+    }
