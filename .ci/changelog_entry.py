@@ -29,8 +29,8 @@ def complaint(changed: Sequence[str], message: str) -> str | None:
     if not package or CHANGELOG in changed or _EXCUSE.search(message):
         return None
     return (
-        f"{package[0]} is changed, but {CHANGELOG} is not. Add a line for those who use the package; if nobody can "
-        "notice the change, add a line 'No-changelog: why' to the message."
+        f"{package[0]} is changed, but {CHANGELOG} is not. Add a line for those who use the "
+        "package; if nobody can notice the change, add a line 'No-changelog: why' to the message."
     )
 
 

@@ -22,7 +22,9 @@ def check(version: str, current: str, changelog: str, changed_files: str, tags: 
     if heading not in changelog:
         return f"{CHANGELOG} has no section '{heading}' (the package says {current})."
     section = changelog.split(heading, 1)[1].split("\n", 2)[2]
-    if not re.search(r"^- ", re.split(r"^\d+\.\d+\.\d+", section, flags=re.MULTILINE)[0], re.MULTILINE):
+    if not re.search(
+        r"^- ", re.split(r"^\d+\.\d+\.\d+", section, flags=re.MULTILINE)[0], re.MULTILINE
+    ):
         return f"The section '{heading}' of {CHANGELOG} says nothing."
     return None
 
@@ -51,11 +53,19 @@ def main(what: str, version: str) -> int:
     changelog, source = (path.read_text(encoding="utf-8") for path in (CHANGELOG, VERSION_FILE))
     if what == "check":
         current = _VERSION.search(source)
-        told = check(version, current[1] if current else "?", changelog, _git("status", "--porcelain"), _git("tag"))
+        told = check(
+            version,
+            current[1] if current else "?",
+            changelog,
+            _git("status", "--porcelain"),
+            _git("tag"),
+        )
         if told:
             sys.stderr.write(told + "\n")
         return int(told is not None)
-    CHANGELOG.write_text(dated(changelog, version, datetime.datetime.now(tz=datetime.UTC).date()), encoding="utf-8")
+    CHANGELOG.write_text(
+        dated(changelog, version, datetime.datetime.now(tz=datetime.UTC).date()), encoding="utf-8"
+    )
     VERSION_FILE.write_text(versioned(source, version), encoding="utf-8")
     return 0
 

@@ -43,7 +43,9 @@ def broken_links(root):
                 continue
             target = (path.parent / unquote(parts.path)).resolve() if parts.path else path
             lost = not target.exists() or (
-                target.suffix == ".html" and parts.fragment and unquote(parts.fragment) not in _page(target).anchors
+                target.suffix == ".html"
+                and parts.fragment
+                and unquote(parts.fragment) not in _page(target).anchors
             )
             if lost:
                 broken.append((path.relative_to(root), link))

@@ -7,7 +7,8 @@ import sys
 import warnings
 from pathlib import Path
 
-# Shapes on these pages are so small that threads would only wait for each other; before numpy is imported.
+# Shapes on these pages are so small that threads would only wait for each other; before numpy is
+# imported.
 for _name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
     os.environ.setdefault(_name, "1")
 os.environ.setdefault("MPLBACKEND", "agg")
@@ -17,7 +18,7 @@ import skfmap.datasets  # noqa: E402
 
 
 def _made_once(make):
-    """Return the function with what it made kept: most scripts of the gallery show the same creatures."""
+    """Keep what a function made: most scripts of the gallery show the same creatures."""
     made = {}
 
     @functools.wraps(make)

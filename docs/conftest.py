@@ -16,19 +16,27 @@ from skfmap.datasets import make_creatures
 from skfmap.io import write_mesh
 
 # No pages: what builds them.
-collect_ignore = ["conf.py", "figures.py", "formulas.py", "layers.py", "check_links.py", "_build", "generated"]
+collect_ignore = [
+    "conf.py",
+    "figures.py",
+    "formulas.py",
+    "layers.py",
+    "check_links.py",
+    "_build",
+    "generated",
+]
 
 
 @pytest.fixture(scope="session", autouse=True)
 def _one_thread():
-    """Keep threads from waiting for cores that other processes hold: many times as long on shapes of this size."""
+    """Keep threads from waiting for cores that others hold, which takes many times as long."""
     with threadpool_limits(limits=1):
         yield
 
 
 @pytest.fixture(scope="session")
 def _folders(tmp_path_factory):
-    """Return the folder of all pages, which the workers of pytest-xdist share: the first one fills it."""
+    """Return the folder of all pages, shared by the workers of pytest-xdist; the first fills it."""
     together = tmp_path_factory.getbasetemp()
     if "PYTEST_XDIST_WORKER" in os.environ:
         together = together.parent
@@ -42,7 +50,7 @@ def _folders(tmp_path_factory):
 
 
 def _write_creatures(place):
-    """Write six creatures: five in meshes/ with files of their correspondences, one in new/ with none."""
+    """Write six creatures: five in meshes/ with their correspondences, one in new/ without."""
     (place / "meshes").mkdir()
     (place / "new").mkdir()
     creatures = make_creatures(n_shapes=6, n_vertices=600, n_points=400)

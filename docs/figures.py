@@ -25,7 +25,7 @@ from skfmap.plotting import (
 
 @lru_cache(maxsize=1)
 def trained():
-    """Return a reference and seven training shapes, one that is not trained on, and maps without and with weights."""
+    """Return a reference, seven training shapes, a new one, and maps without and with weights."""
     creatures = make_creatures(n_shapes=9, n_vertices=1200)
     shapes = DescriptorTransformer().transform(SpectralBasis().transform(creatures.meshes))
     truths = creatures.correspondences
@@ -45,13 +45,15 @@ def trained():
 
 @lru_cache(maxsize=1)
 def _posed():
-    """Return the unseen shape as a mesh that faces as the reference does: turned about the vertical, nothing else."""
+    """Return the new shape as a mesh turned about the vertical to face as the reference does."""
     it = trained()
     mesh, pairs = it.unseen.mesh, it.new_truths[0].join(it.truths[0])
     here = mesh.vertices[pairs.vertices_i] - mesh.vertices.mean(axis=0)
     there = it.reference.mesh.vertices[pairs.vertices_0] - it.reference.mesh.vertices.mean(axis=0)
     angle = np.angle(np.vdot(here[:, 0] + 1j * here[:, 1], there[:, 0] + 1j * there[:, 1]))
-    turn = np.array([[np.cos(angle), np.sin(angle), 0], [-np.sin(angle), np.cos(angle), 0], [0, 0, 1]])
+    turn = np.array(
+        [[np.cos(angle), np.sin(angle), 0], [-np.sin(angle), np.cos(angle), 0], [0, 0, 1]]
+    )
     return Mesh(mesh.vertices @ turn, mesh.faces, name=mesh.name)
 
 
@@ -62,27 +64,41 @@ def _known():
 
 
 def _grid(rows, titles, labels):
-    """Draw functions of the rows' meshes side by side; those of a column share a scale about zero."""
+    """Draw functions of the rows' meshes side by side, at one scale about zero in each column."""
     size = (1.75 * len(titles), 1.5 * len(rows))
-    _, axes = plt.subplots(len(rows), len(titles), figsize=size, squeeze=False, layout="constrained")
+    _, axes = plt.subplots(
+        len(rows), len(titles), figsize=size, squeeze=False, layout="constrained"
+    )
     for column, title in enumerate(titles):
         largest = max(np.quantile(np.abs(functions[:, column]), 0.99) for _, functions in rows)
         for (mesh, functions), ax in zip(rows, axes[:, column], strict=True):
             plot_function(mesh, functions[:, column], ax=ax, limits=(-largest, largest))
         axes[0, column].set_title(title, fontsize=10)
     for label, ax in zip(labels, axes[:, 0], strict=True):
-        ax.text(-0.04, 0.5, label, transform=ax.transAxes, rotation=90, ha="right", va="center", fontsize=10)
+        ax.text(
+            -0.04,
+            0.5,
+            label,
+            transform=ax.transAxes,
+            rotation=90,
+            ha="right",
+            va="center",
+            fontsize=10,
+        )
 
 
 def eigenfunctions():
     """Draw the same five eigenfunctions on two poses."""
     it, shown = trained(), [1, 2, 3, 6, 16]
-    rows = [(it.reference.mesh, it.reference.evecs[:, shown]), (_posed(), it.unseen.evecs[:, shown])]
+    rows = [
+        (it.reference.mesh, it.reference.evecs[:, shown]),
+        (_posed(), it.unseen.evecs[:, shown]),
+    ]
     _grid(rows, [f"number {j}" for j in shown], ["reference", "another pose"])
 
 
 def pulled_back():
-    """Draw a function on the reference, what the true points make of it, and what the functional map does."""
+    """Draw a function on the reference, its image by the true points, and by the functional map."""
     it = trained()
     distances = np.linalg.norm(
         it.reference.vertices - it.reference.vertices[it.reference.vertices[:, 2].argmax()], axis=1
@@ -90,20 +106,27 @@ def pulled_back():
     bump = np.exp(-((distances / 0.15) ** 2))
     coefficients = project(bump[:, None], it.reference.evecs[:, :50], it.reference.mass)[:, 0]
     pairs = it.new_truths[0].join(it.truths[0])
-    nearest = np.linalg.norm(it.unseen.vertices[:, None] - it.unseen.vertices[pairs.vertices_i], axis=2).argmin(axis=1)
+    nearest = np.linalg.norm(
+        it.unseen.vertices[:, None] - it.unseen.vertices[pairs.vertices_i], axis=2
+    ).argmin(axis=1)
     shown = {
         "a function f on the reference": (it.reference.mesh, bump),
         "f in 50 eigenfunctions": (it.reference.mesh, it.reference.evecs[:, :50] @ coefficients),
         "f after the points' map T": (_posed(), bump[pairs.vertices_0[nearest]]),
-        "C times the 50 coefficients": (_posed(), it.unseen.evecs[:, :50] @ _known() @ coefficients),
+        "C times the 50 coefficients": (
+            _posed(),
+            it.unseen.evecs[:, :50] @ _known() @ coefficients,
+        ),
     }
     _, axes = plt.subplots(1, len(shown), figsize=(9.6, 2.2), layout="constrained")
     for ax, (title, (mesh, values)) in zip(axes, shown.items(), strict=True):
-        plot_function(mesh, values, ax=ax, limits=(0, 1), cmap="viridis").set_title(title, fontsize=10)
+        plot_function(mesh, values, ax=ax, limits=(0, 1), cmap="viridis").set_title(
+            title, fontsize=10
+        )
 
 
 def matrices():
-    """Draw the known map of a shape that was not trained on, the map without weights, and the learned one."""
+    """Draw the known map of the new shape, the map without weights, and the learned one."""
     it = trained()
     maps = {"known": _known(), "without weights": it.naive.functional_maps(it.new)[0]}
     maps["learned"] = it.learned.functional_maps(it.new)[0]
@@ -123,7 +146,9 @@ def directions():
     height = it.reference.vertices[:, 2]
     _, axes = plt.subplots(1, 2, figsize=(8, 3))
     plot_function(it.reference.mesh, height, ax=axes[0]).set_title("reference $S_0$, a function f")
-    plot_function(_posed(), height[match.p2p], ax=axes[1]).set_title(r"shape $S_i$, the function $f \circ T$")
+    plot_function(_posed(), height[match.p2p], ax=axes[1]).set_title(
+        r"shape $S_i$, the function $f \circ T$"
+    )
     axes[0].figure.subplots_adjust(left=0.01, right=0.99, wspace=0.45, top=0.86, bottom=0.06)
     arrow = {"xycoords": "figure fraction", "arrowprops": {"arrowstyle": "-|>", "lw": 1.8}}
     axes[0].annotate("", xy=(0.6, 0.6), xytext=(0.41, 0.6), **arrow)
@@ -152,14 +177,27 @@ def probes():
             "on the new shape": (it.unseen, _posed(), of_new),
             "as the known map expects it": (it.unseen, _posed(), expected),
         }
-        functions = [basis.evecs[:, :50] @ coefficients[:, j] for basis, _, coefficients in shown.values()]
+        functions = [
+            basis.evecs[:, :50] @ coefficients[:, j] for basis, _, coefficients in shown.values()
+        ]
         largest = np.quantile(np.abs(np.concatenate(functions)), 0.98)
-        for ax, title, (_, mesh, _), values in zip(row, shown, shown.values(), functions, strict=True):
+        for ax, title, (_, mesh, _), values in zip(
+            row, shown, shown.values(), functions, strict=True
+        ):
             plot_function(mesh, values, ax=ax, limits=(-largest, largest))
             if name == INFORMATIVE:
                 ax.set_title(title, fontsize=10)
         label = f"{name.split('[')[0].replace('_', ' ')}\ndisagreement {misses[j]:.2f}"
-        row[0].text(-0.04, 0.5, label, transform=row[0].transAxes, rotation=90, ha="right", va="center", fontsize=8)
+        row[0].text(
+            -0.04,
+            0.5,
+            label,
+            transform=row[0].transAxes,
+            rotation=90,
+            ha="right",
+            va="center",
+            fontsize=8,
+        )
     return figure
 
 
@@ -179,7 +217,7 @@ def singular_values():
 
 
 def stable_functions():
-    """Draw three of the most stable functions and the two least stable, and what becomes of them on the shape."""
+    """Draw the three most and the two least stable functions, and their images on the new shape."""
     it, shown = trained(), [1, 2, 3, 48, 49]
     Y = it.learned.stable_basis_[:, shown]
     (X,) = it.learned.functional_maps(it.new)
@@ -198,7 +236,7 @@ def matched():
 
 
 def trusted():
-    """Draw the expected and the true error of the shape that was not trained on; grey where no truth is known."""
+    """Draw expected and true errors of the new shape; grey where no truth is known."""
     it = trained()
     (match,), (errors,) = it.learned.match(it.new), it.learned.pair_errors(it.new, it.new_truths)
     true = np.full(len(match.p2p), np.nan)
@@ -214,7 +252,7 @@ def trusted():
 
 
 def sides():
-    """Draw which side of the reference the points of a shape are sent to, without and with oriented probes."""
+    """Draw which side of the reference points are matched to, without and with oriented probes."""
     it = trained()
     paper = DescriptorTransformer("paper").transform([shape.spectral for shape in it.shapes])
     symmetric = WeightedFunctionalMapLearner().fit(paper[:8], it.truths[:8])
@@ -234,11 +272,13 @@ def sides():
 def reliability():
     """Draw expected against true errors of the shape that was not trained on."""
     it = trained()
-    ReliabilityDisplay.from_estimator(it.learned, it.new, it.new_truths, name="mean of a tenth of the points")
+    ReliabilityDisplay.from_estimator(
+        it.learned, it.new, it.new_truths, name="mean of a tenth of the points"
+    )
 
 
 def layers():
-    """Draw the layers that import-linter holds, read from its contract, and how data flows through them."""
+    """Draw the layers of the import-linter contract, and how data flows through them."""
     rows = read_layers()
     _, ax = plt.subplots(figsize=(8, 0.46 * len(rows) + 0.3), layout="constrained")
     for height, names in enumerate(reversed(rows)):
@@ -275,9 +315,16 @@ def flow():
     """Draw the paper's figure 2: learning above, a new shape below."""
     steps = ["meshes", "SpectralBasis", "DescriptorTransformer", "WeightedFunctionalMapLearner"]
     above = ["", "eigenfunctions", "probe functions G", "fit: weights D, stable basis Y"]
-    below = ["", "eigenfunctions", "probe functions G", "predict, match: X(D) Y,\npoints and errors"]
+    below = [
+        "",
+        "eigenfunctions",
+        "probe functions G",
+        "predict, match: X(D) Y,\npoints and errors",
+    ]
     _, ax = plt.subplots(figsize=(8.5, 2.4), layout="constrained")
-    for row, (who, texts) in enumerate((("new shape", below), ("collection with\ncorrespondences", above))):
+    for row, (who, texts) in enumerate(
+        (("new shape", below), ("collection with\ncorrespondences", above))
+    ):
         for place, (step, text) in enumerate(zip(steps, texts, strict=True)):
             x, y = 2.55 * place, 1.4 * row
             ax.add_patch(
@@ -291,9 +338,21 @@ def flow():
                     linewidth=0.8,
                 )
             )
-            ax.text(x + 1.15, y + 0.45, who if place == 0 else f"{step}\n{text}", ha="center", va="center", fontsize=7)
+            ax.text(
+                x + 1.15,
+                y + 0.45,
+                who if place == 0 else f"{step}\n{text}",
+                ha="center",
+                va="center",
+                fontsize=7,
+            )
             if place:
-                ax.annotate("", (x, y + 0.45), (x - 0.25, y + 0.45), arrowprops={"arrowstyle": "->", "color": "0.4"})
+                ax.annotate(
+                    "",
+                    (x, y + 0.45),
+                    (x - 0.25, y + 0.45),
+                    arrowprops={"arrowstyle": "->", "color": "0.4"},
+                )
     ax.annotate("", (8.9, 0.9), (8.9, 1.4), arrowprops={"arrowstyle": "->", "color": "0.4"})
     ax.text(9.0, 1.15, "D, Y", fontsize=8, va="center")
     ax.set(xlim=(-0.05, 10), ylim=(-0.05, 2.35))

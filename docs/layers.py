@@ -1,4 +1,4 @@
-"""The architecture page, read from the code: layers from pyproject.toml, descriptions from docstrings."""
+"""The architecture page: layers from pyproject.toml, descriptions from docstrings."""
 
 import ast
 import tomllib
@@ -13,10 +13,12 @@ PACKAGE = ROOT / "skfmap"
 
 
 def read_layers():
-    """Return the layers of the import-linter contract, the top first; each a list of names of modules."""
+    """Return the layers of the import-linter contract, the top first: lists of names of modules."""
     project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
     contracts = project["tool"]["importlinter"]["contracts"]
-    (contract,) = (one for one in contracts if one["type"] == "layers" and one["containers"] == ["skfmap"])
+    (contract,) = (
+        one for one in contracts if one["type"] == "layers" and one["containers"] == ["skfmap"]
+    )
     return [[name.strip() for name in layer.split("|")] for layer in contract["layers"]]
 
 
@@ -26,12 +28,15 @@ def describe(path):
 
 
 def modules_of(name):
-    """Return (dotted name, description) of a module of the package, and of what it holds if it is a package."""
+    """Return (dotted name, description) of a module, and of what it holds if it is a package."""
     folder = PACKAGE / name
     if not folder.is_dir():
         return [(name, describe(PACKAGE / f"{name}.py"))]
     inside = sorted(path for path in folder.glob("*.py") if path.stem != "__init__")
-    return [(name, describe(folder / "__init__.py")), *((f"{name}.{path.stem}", describe(path)) for path in inside)]
+    return [
+        (name, describe(folder / "__init__.py")),
+        *((f"{name}.{path.stem}", describe(path)) for path in inside),
+    ]
 
 
 class Modules(SphinxDirective):

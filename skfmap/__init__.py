@@ -29,8 +29,23 @@ __all__ = [
 
 # Imported when they are asked for: pictures and reports take a while to load.
 _SUBMODULES = (
-    *("basis", "datasets", "descriptors", "exceptions", "functional", "geometry", "ground_truth", "health", "io"),
-    *("learner", "measures", "metrics", "model_selection", "persistence", "plotting", "refinement", "report", "shapes"),
+    "basis",
+    "datasets",
+    "descriptors",
+    "exceptions",
+    "functional",
+    "geometry",
+    "ground_truth",
+    "health",
+    "io",
+    "learner",
+    "metrics",
+    "model_selection",
+    "persistence",
+    "plotting",
+    "refinement",
+    "report",
+    "shapes",
 )
 
 

@@ -18,7 +18,13 @@ from skfmap._tools.validation import check_number
 from skfmap.basis import SpectralBasis
 from skfmap.datasets import load_collection, make_creatures
 from skfmap.descriptors import DescriptorTransformer
-from skfmap.exceptions import CorrespondenceError, CoverageWarning, DisagreementWarning, MeshError, OrientationWarning
+from skfmap.exceptions import (
+    CorrespondenceError,
+    CoverageWarning,
+    DisagreementWarning,
+    MeshError,
+    OrientationWarning,
+)
 from skfmap.functional.weighting import WEIGHTINGS
 from skfmap.learner import WeightedFunctionalMapLearner
 from skfmap.metrics import ERROR_KINDS, PairErrors, reference_distances
@@ -26,7 +32,8 @@ from skfmap.plotting import Camera, plot_matches
 from skfmap.report import Evaluation, thin_out, write_report
 from skfmap.shapes import Correspondence, Match, Mesh, ProbedShape, SkippedShape
 
-# How points are matched: in all functions alike, in the p most stable, in all weighted by stability.
+# How points are matched: in all functions alike, in the p most stable, in all weighted by
+# stability.
 _MATCHINGS: dict[str, dict[str, Any]] = {
     "full": {"matching": "cut", "n_stable": 1.0},
     "reduced": {"matching": "cut", "n_stable": "fitted"},
@@ -38,13 +45,14 @@ _GO_ON = " (--on-invalid repair, or skip, goes on without what is broken, but fo
 
 _KINDS_EXPLAINED = (
     "full: all functions alike; reduced: the more stable half; soft: all, weighted by stability\n"
-    "direct: nothing forgiven; consistent: the better side, once for the map; per vertex: the better side at each\n"
+    "direct: nothing forgiven; consistent: the better side, once for the map; per vertex: the "
+    "better side at each\n"
 )
 
 
 @dataclass(frozen=True)
 class _Result:
-    """One weighting strategy: errors of each left-out shape by matching, and seconds of training per fold."""
+    """Errors of each shape left out, by matching; seconds of training per fold; and matches."""
 
     errors: dict[str, list[PairErrors]]
     seconds: list[float]
@@ -62,7 +70,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
         print(f"skfmap: {error}{_GO_ON if hint else ''}", file=sys.stderr)
         return 2
     except KeyboardInterrupt:
-        print("skfmap: interrupted; results in the folder given by --cache are kept.", file=sys.stderr)
+        print(
+            "skfmap: interrupted; results in the folder given by --cache are kept.", file=sys.stderr
+        )
         return 130
     finally:
         warnings.formatwarning = usual
@@ -76,30 +86,50 @@ def _format_warning(
     lineno: int,  # noqa: ARG001
     line: str | None = None,  # noqa: ARG001
 ) -> str:
-    """Return what a warning says, without the line of code that nobody here wrote."""
+    """Return what a warning says, without a line of code."""
     return f"{category.__name__}: {message}\n"
 
 
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
         prog="python -m skfmap",
-        description="Learn functional maps on a collection of meshes, match the shapes left out, and show what "
-        "learning buys: a table, a report, a picture of the matches, and a model trained on all shapes.",
+        description="Learn functional maps on a collection of meshes, match the shapes left out, "
+        "and show what learning buys: a table, a report, a picture of the matches, and a model "
+        "trained on all shapes.",
     )
-    parser.add_argument("folder", nargs="?", help="meshes and correspondences; made-up creatures if left out")
-    parser.add_argument("--pattern", default="*", help="which meshes of the folder, by name (default: all)")
-    parser.add_argument("--reference", help="name of the reference (default: the first in natural order)")
-    parser.add_argument("--folds", type=int, default=3, help="how many shapes to leave out, one at a time (default: 3)")
-    parser.add_argument("--functions", type=int, default=50, help="eigenfunctions that are matched (default: 50)")
+    parser.add_argument(
+        "folder", nargs="?", help="meshes and correspondences; made-up creatures if left out"
+    )
+    parser.add_argument(
+        "--pattern", default="*", help="which meshes of the folder, by name (default: all)"
+    )
+    parser.add_argument(
+        "--reference", help="name of the reference (default: the first in natural order)"
+    )
+    parser.add_argument(
+        "--folds",
+        type=int,
+        default=3,
+        help="how many shapes to leave out, one at a time (default: 3)",
+    )
+    parser.add_argument(
+        "--functions", type=int, default=50, help="eigenfunctions that are matched (default: 50)"
+    )
     parser.add_argument(
         "--families",
         choices=["default", "paper", "paper-310"],
         default="default",
-        help="probe functions: the paper's 50 or 310, or 50 and 55 that tell left from right (default)",
+        help="probe functions: the paper's 50 or 310, or 50 and 55 that tell left from right "
+        "(default)",
     )
-    parser.add_argument("--vertices", type=int, default=1500, help="vertices of a made-up creature (default: 1500)")
     parser.add_argument(
-        "--up", choices=["x", "y", "z"], default="z", help="axis that points up in the picture (default: z)"
+        "--vertices", type=int, default=1500, help="vertices of a made-up creature (default: 1500)"
+    )
+    parser.add_argument(
+        "--up",
+        choices=["x", "y", "z"],
+        default="z",
+        help="axis that points up in the picture (default: z)",
     )
     parser.add_argument(
         "--output",
@@ -111,11 +141,15 @@ def _parser() -> argparse.ArgumentParser:
         "--on-invalid",
         choices=["raise", "repair", "skip"],
         default="raise",
-        help="what to do with meshes that cannot be used: stop (default), mend what can be mended and leave out the "
-        "rest, or leave out; the reference must be sound",
+        help="what to do with meshes that cannot be used: stop (default), mend what can be mended "
+        "and leave out the rest, or leave out; the reference must be sound",
     )
-    parser.add_argument("--cache", type=Path, help="folder that keeps bases and probes between runs")
-    parser.add_argument("--jobs", type=int, default=-1, help="shapes at a time (default: one per core)")
+    parser.add_argument(
+        "--cache", type=Path, help="folder that keeps bases and probes between runs"
+    )
+    parser.add_argument(
+        "--jobs", type=int, default=-1, help="shapes at a time (default: one per core)"
+    )
     return parser
 
 
@@ -132,9 +166,13 @@ def _run(options: argparse.Namespace) -> None:
     print(f"Leaving out one at a time: {names}. Reference: {collection.names[0]}.", flush=True)
     results: dict[str | None, _Result] = {}
     for weighting in WEIGHTINGS:
-        results[weighting] = _cross_validate(shapes, collection.correspondences, scored, left_out, weighting, options)
+        results[weighting] = _cross_validate(
+            shapes, collection.correspondences, scored, left_out, weighting, options
+        )
         print(
-            f"  weighting={weighting!r}: {np.mean(results[weighting].seconds):.1f} s of training per fold", flush=True
+            f"  weighting={weighting!r}: {np.mean(results[weighting].seconds):.1f} s of training "
+            "per fold",
+            flush=True,
         )
     print("\n" + _table(results) + "\n" + _summary(results))
     _save(collection, shapes, left_out, results, options)
@@ -147,13 +185,21 @@ def _collection(options: argparse.Namespace) -> Bunch:
         collection = make_creatures(n_shapes=11, n_vertices=options.vertices)
     else:
         print(f"Reading {options.folder} ...", flush=True)
-        collection = load_collection(options.folder, options.pattern, options.reference, on_invalid=options.on_invalid)
+        collection = load_collection(
+            options.folder, options.pattern, options.reference, on_invalid=options.on_invalid
+        )
     counts = [mesh.n_vertices for mesh in collection.meshes if isinstance(mesh, Mesh)]
-    print(f"  {len(counts)} meshes of {min(counts)} to {max(counts)} vertices, {_since(started)}", flush=True)
+    print(
+        f"  {len(counts)} meshes of {min(counts)} to {max(counts)} vertices, {_since(started)}",
+        flush=True,
+    )
     if options.folder is not None:
         print(f"  {collection.DESCR}", flush=True)
     if len(counts) < 3:
-        raise ValueError(f"the main job needs a reference and at least two more shapes; got {len(counts)} meshes.")
+        raise ValueError(
+            f"the main job needs a reference and at least two more shapes; got {len(counts)} "
+            "meshes."
+        )
     return collection
 
 
@@ -170,27 +216,34 @@ def _probed(collection: Bunch, options: argparse.Namespace) -> list[ProbedShape]
     return list(shapes)
 
 
-def _usable(collection: Bunch, shapes: list[Any]) -> tuple[Bunch, list[ProbedShape]]:
-    """Return the shapes that can be learned from, in the numbers that they have now."""
-    kept = [i for i, shape in enumerate(shapes) if not isinstance(shape, SkippedShape)]
+def _usable(
+    collection: Bunch, shapes: Sequence[ProbedShape | SkippedShape]
+) -> tuple[Bunch, list[ProbedShape]]:
+    """Return the shapes that can be learned from; correspondences follow renumbered vertices."""
+    kept = {i: shape for i, shape in enumerate(shapes) if not isinstance(shape, SkippedShape)}
     if len(kept) < len(shapes):
         names = [name for i, name in enumerate(collection.names) if i not in kept]
         print(f"  left out: {', '.join(names)}", flush=True)
     if len(kept) < 3:
-        raise ValueError(f"the main job needs a reference and at least two more shapes; {len(kept)} can be used.")
+        raise ValueError(
+            f"the main job needs a reference and at least two more shapes; {len(kept)} can be used."
+        )
     parts: dict[str, list[Any]] = {"meshes": [], "correspondences": [], "names": [], "shapes": []}
-    for i in kept:
-        shape, truth = shapes[i], collection.correspondences[i]
+    for i, usable in kept.items():
+        shape, truth = usable, collection.correspondences[i]
         if shape.spectral.vertex_map is not None:
             if i == 0:
                 raise MeshError(
-                    f"The vertices of the reference, {collection.names[0]}, would be renumbered, and matches refer to "
-                    "them. Mend it with skfmap.repair_mesh first, or choose another with --reference."
+                    f"The vertices of the reference, {collection.names[0]}, would be renumbered, "
+                    "and matches refer to them. Mend it with skfmap.repair_mesh first, or choose "
+                    "another with --reference."
                 )
             print(f"  mended: {collection.names[i]}", flush=True)
             truth = truth.renumber(shape.spectral.vertex_map)
             shape = replace(shape, spectral=replace(shape.spectral, vertex_map=None))
-        for key, part in zip(parts, (shape.spectral.mesh, truth, collection.names[i], shape), strict=True):
+        for key, part in zip(
+            parts, (shape.spectral.mesh, truth, collection.names[i], shape), strict=True
+        ):
             parts[key].append(part)
     return Bunch(**parts), parts["shapes"]
 
@@ -217,7 +270,10 @@ def _transformers(options: argparse.Namespace) -> tuple[SpectralBasis, Descripto
     families = None if options.families == "default" else options.families
     return (
         SpectralBasis(
-            max(120, options.functions), on_invalid=options.on_invalid, memory=options.cache, n_jobs=options.jobs
+            max(120, options.functions),
+            on_invalid=options.on_invalid,
+            memory=options.cache,
+            n_jobs=options.jobs,
         ),
         DescriptorTransformer(
             families,
@@ -230,7 +286,9 @@ def _transformers(options: argparse.Namespace) -> tuple[SpectralBasis, Descripto
 
 def _choose_folds(n_shapes: int, n_folds: int) -> list[int]:
     """Return the shapes to leave out, spread over the collection; never the reference."""
-    return [int(i) for i in np.unique(np.linspace(n_shapes - 1, 1, min(n_folds, n_shapes - 1)).round())]
+    return [
+        int(i) for i in np.unique(np.linspace(n_shapes - 1, 1, min(n_folds, n_shapes - 1)).round())
+    ]
 
 
 def _cross_validate(
@@ -244,7 +302,9 @@ def _cross_validate(
     result = _Result({name: [] for name in _MATCHINGS}, [], [])
     for i in left_out:
         rest = [j for j in range(len(shapes)) if j != i]
-        learner = WeightedFunctionalMapLearner(n_functions=options.functions, weighting=weighting, memory=options.cache)
+        learner = WeightedFunctionalMapLearner(
+            n_functions=options.functions, weighting=weighting, memory=options.cache
+        )
         started = time.perf_counter()
         with warnings.catch_warnings():
             for what in (CoverageWarning, DisagreementWarning, OrientationWarning):
@@ -252,17 +312,23 @@ def _cross_validate(
             learner.fit([shapes[j] for j in rest], [truths[j] for j in rest])
         result.seconds.append(time.perf_counter() - started)
         for name, how in _MATCHINGS.items():
-            result.errors[name] += learner.pair_errors([shapes[i]], [scored[i]], reference_y=scored[0], **how)
+            result.errors[name] += learner.pair_errors(
+                [shapes[i]], [scored[i]], reference_y=scored[0], **how
+            )
         result.matches.extend(learner.match([shapes[i]]))
     return result
 
 
 def _table(results: dict[str | None, _Result]) -> str:
     """Return the table: weighting against error of full, reduced and soft maps."""
-    symmetric = all(e.symmetric is not None for result in results.values() for e in result.errors["full"])
+    symmetric = all(
+        e.symmetric is not None for result in results.values() for e in result.errors["full"]
+    )
     kinds = ERROR_KINDS if symmetric else ERROR_KINDS[:1]
     groups = "".join(f" |{name:^{11 * len(kinds)}}" for name in _MATCHINGS)
-    columns = "".join(" |" + "".join(f"{kind.replace('_', ' '):>11}" for kind in kinds) for _ in _MATCHINGS)
+    columns = "".join(
+        " |" + "".join(f"{kind.replace('_', ' '):>11}" for kind in kinds) for _ in _MATCHINGS
+    )
     lines = [
         "Mean geodesic error over the shapes left out, x 100 / sqrt(area of the reference)",
         *([_KINDS_EXPLAINED] if symmetric else []),
@@ -271,7 +337,8 @@ def _table(results: dict[str | None, _Result]) -> str:
     ]
     for weighting, result in results.items():
         cells = "".join(
-            " |" + "".join(f"{100 * np.mean([e.mean(kind) for e in errors]):>11.2f}" for kind in kinds)
+            " |"
+            + "".join(f"{100 * np.mean([e.mean(kind) for e in errors]):>11.2f}" for kind in kinds)
             for errors in result.errors.values()
         )
         lines.append(f"{weighting or 'none (D = I)':<13}{np.mean(result.seconds):>9.1f}{cells}")
@@ -282,9 +349,14 @@ def _summary(results: dict[str | None, _Result]) -> str:
     """Return in one line what learning changed."""
     changes = []
     for name in _MATCHINGS:
-        naive, learned = (np.mean([e.mean() for e in results[w].errors[name]]) for w in (None, "function"))
+        naive, learned = (
+            np.mean([e.mean() for e in results[w].errors[name]]) for w in (None, "function")
+        )
         changes.append(f"{name} {100 * naive:.1f} -> {100 * learned:.1f}")
-    return "Learning one weight per function changes the direct error from naive to learned: " + ", ".join(changes)
+    return (
+        "Learning one weight per function changes the direct error from naive to learned: "
+        + ", ".join(changes)
+    )
 
 
 def _save(
@@ -294,13 +366,24 @@ def _save(
     results: dict[str | None, _Result],
     options: argparse.Namespace,
 ) -> None:
-    picture, model, report = (options.output / name for name in ("matches.png", "model.joblib", "report.html"))
+    picture, model, report = (
+        options.output / name for name in ("matches.png", "model.joblib", "report.html")
+    )
     result, camera = results["function"], Camera(options.up)
-    captions = [f"error {100 * errors.mean('direct'):.1f} % of sqrt(area)" for errors in result.errors["soft"]]
+    captions = [
+        f"error {100 * errors.mean('direct'):.1f} % of sqrt(area)"
+        for errors in result.errors["soft"]
+    ]
     meshes = [collection.meshes[i] for i in left_out]
-    plot_matches(result.matches, meshes, collection.meshes[0], path=picture, camera=camera, captions=captions)
-    learner = WeightedFunctionalMapLearner(n_functions=options.functions).fit(shapes, collection.correspondences)
-    evaluation = Evaluation(meshes, result.matches, result.errors["soft"], results[None].errors["soft"])
+    plot_matches(
+        result.matches, meshes, collection.meshes[0], path=picture, camera=camera, captions=captions
+    )
+    learner = WeightedFunctionalMapLearner(n_functions=options.functions).fit(
+        shapes, collection.correspondences
+    )
+    evaluation = Evaluation(
+        meshes, result.matches, result.errors["soft"], results[None].errors["soft"]
+    )
     write_report(learner, report, evaluation=evaluation, camera=camera)
     basis, probes = (step.set_params(memory=None, n_jobs=None) for step in _transformers(options))
     basis.set_params(n_components=shapes[0].spectral.n_components)

@@ -22,8 +22,8 @@ class Versioned:
         saved = state.get("_skfmap_version", "unknown")
         if saved != __version__:
             warn(
-                f"This {type(self).__name__} was saved by skfmap {saved}, and is loaded by {__version__}: its results "
-                "may differ. Fit it again, or install that version.",
+                f"This {type(self).__name__} was saved by skfmap {saved}, and is loaded by "
+                f"{__version__}: its results may differ. Fit it again, or install that version.",
                 VersionWarning,
             )
         kept = {key: value for key, value in state.items() if key != "_skfmap_version"}

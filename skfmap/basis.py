@@ -2,12 +2,12 @@
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any, Self
+from typing import Self, TypeAlias, cast
 
 import numpy as np
 from sklearn.base import BaseEstimator
 
-from skfmap._tools.caching import cached
+from skfmap._tools.caching import MemoryLike, cached
 from skfmap._tools.parallel import map_shapes
 from skfmap._tools.stateless import StatelessShapeTransformer
 from skfmap._tools.types import FloatArray, SparseMatrix
@@ -26,13 +26,19 @@ from skfmap.geometry.faults import (
 from skfmap.geometry.laplacian import LAPLACIANS
 from skfmap.geometry.orientation import orient_faces
 from skfmap.health import repair_mesh
-from skfmap.io import as_mesh, as_meshes, check_meshes, n_vertices_of, named
+from skfmap.io import MeshLike, as_mesh, as_meshes, check_meshes, n_vertices_of, named
 from skfmap.shapes import Mesh, SkippedShape, SpectralShape
 from skfmap.shapes.usable import warn_of_repairs, warn_of_skipped
 
 __all__ = ["SpectralBasis"]
 
+# Eigenfunctions are computed in blocks of so many, the first of which holds the default of 120
+# (`docs/speed.rst`, "Bases", has times for 128).
 _BLOCK = 128
+
+
+# Laplacian, number of components and memory of a basis.
+_How: TypeAlias = tuple[str, int, MemoryLike]
 
 
 class SpectralBasis(Versioned, StatelessShapeTransformer, BaseEstimator):
@@ -41,16 +47,18 @@ class SpectralBasis(Versioned, StatelessShapeTransformer, BaseEstimator):
     Parameters
     ----------
     n_components : int, default=120
-        Number of eigenfunctions, the constant one included. More than the learner uses: the rest serve descriptors and
-        refinement.
+        Number of eigenfunctions, the constant one included. More than the learner uses: the rest
+        serve descriptors and refinement.
     laplacian : {"cotangent", "robust"}, default="cotangent"
-        ``"cotangent"``: libigl's cotangent stiffness and barycentric lumped mass matrix. ``"robust"``: the tufted
-        intrinsic Delaunay Laplacian, for non-manifold and badly shaped meshes.
+        ``"cotangent"``: libigl's cotangent stiffness and barycentric lumped mass matrix.
+        ``"robust"``: the tufted intrinsic Delaunay Laplacian, for non-manifold and badly shaped
+        meshes.
     on_invalid : {"raise", "repair", "skip"}, default="raise"
-        What to do with a mesh that cannot be used. ``"repair"`` mends it as `skfmap.repair_mesh` does, with a warning
-        that says what was done; matches are given back in the numbers that the mesh came with, -1 where a vertex was
-        removed. ``"skip"`` puts a `skfmap.shapes.SkippedShape` in its place, with a warning: the learner leaves it out,
-        and answers NaN and -1; ``"repair"`` does so where a mesh cannot be mended.
+        What to do with a mesh that cannot be used. ``"repair"`` mends it as `skfmap.repair_mesh`
+        does, with a warning that says what was done; matches are given back in the numbers that the
+        mesh came with, -1 where a vertex was removed. ``"skip"`` puts a
+        `skfmap.shapes.SkippedShape` in its place, with a warning: the learner leaves it out, and
+        answers NaN and -1; ``"repair"`` does so where a mesh cannot be mended.
     memory : str or joblib.Memory, optional
         Where results are cached, by mesh content and parameters.
     n_jobs : int, optional
@@ -64,11 +72,12 @@ class SpectralBasis(Versioned, StatelessShapeTransformer, BaseEstimator):
 
     Notes
     -----
-    Stateless: `transform` works without `fit`, and each shape is treated by itself. Shapes are scaled to unit area
-    inside. Eigenfunctions come from shift-invert Lanczos with a fixed start vector; the sign of each makes the integral
-    of its cube positive. Eigenfunctions are computed in blocks of 128 and cut to ``n_components``, so that a search
-    over it computes (and caches) each basis once. Faces are wound consistently and outwards where that can be told;
-    vertices keep their numbers.
+    Stateless: `transform` works without `fit`, and each shape is treated by itself. Shapes are
+    scaled to unit area inside. Eigenfunctions come from shift-invert Lanczos with a fixed start
+    vector; the sign of each makes the integral of its cube positive. Eigenfunctions are computed in
+    blocks of 128 and cut to ``n_components``, so that a search over it computes (and caches) each
+    basis once. Faces are wound consistently and outwards where that can be told; vertices keep
+    their numbers.
 
     Examples
     --------
@@ -85,7 +94,7 @@ class SpectralBasis(Versioned, StatelessShapeTransformer, BaseEstimator):
         *,
         laplacian: str = "cotangent",
         on_invalid: str = "raise",
-        memory: Any = None,
+        memory: MemoryLike = None,
         n_jobs: int | None = None,
         verbose: int = 0,
     ) -> None:
@@ -96,7 +105,7 @@ class SpectralBasis(Versioned, StatelessShapeTransformer, BaseEstimator):
         self.n_jobs = n_jobs
         self.verbose = verbose
 
-    def fit(self, X: Sequence[Any], y: object = None) -> Self:  # noqa: ARG002
+    def fit(self, X: Sequence[MeshLike], y: object = None) -> Self:  # noqa: ARG002
         """Check the parameters and the meshes; nothing is learned.
 
         Parameters
@@ -118,7 +127,7 @@ class SpectralBasis(Versioned, StatelessShapeTransformer, BaseEstimator):
             check_meshes(X)
         return self
 
-    def transform(self, X: Sequence[Any]) -> list[SpectralShape]:
+    def transform(self, X: Sequence[MeshLike]) -> list[SpectralShape]:
         """Compute the basis of each mesh.
 
         Parameters
@@ -129,15 +138,15 @@ class SpectralBasis(Versioned, StatelessShapeTransformer, BaseEstimator):
         Returns
         -------
         list of SpectralShape
-            In the order of ``X``; unless ``on_invalid="raise"``, a `skfmap.shapes.SkippedShape` where a mesh cannot be
-            used.
+            In the order of ``X``; unless ``on_invalid="raise"``, a `skfmap.shapes.SkippedShape`
+            where a mesh cannot be used.
 
         Raises
         ------
         MeshError
-            With ``on_invalid="raise"``: if a mesh has unreferenced vertices, several components, degenerate or
-            non-manifold parts that the chosen Laplacian cannot deal with, or too few vertices; the message names the
-            shape and the remedy.
+            With ``on_invalid="raise"``: if a mesh has unreferenced vertices, several components,
+            degenerate or non-manifold parts that the chosen Laplacian cannot deal with, or too few
+            vertices; the message names the shape and the remedy.
         TypeError
             If ``X`` is one mesh rather than a sequence of meshes.
 
@@ -152,7 +161,10 @@ class SpectralBasis(Versioned, StatelessShapeTransformer, BaseEstimator):
         meshes = as_meshes(X) if self.on_invalid == "raise" else check_meshes(X)
         made = map_shapes(
             _OUTCOMES[self.on_invalid],
-            ((mesh, i, self.laplacian, self.n_components, self.memory) for i, mesh in enumerate(meshes)),
+            (
+                (mesh, i, self.laplacian, self.n_components, self.memory)
+                for i, mesh in enumerate(meshes)
+            ),
             n_jobs=self.n_jobs,
             verbose=self.verbose,
         )
@@ -160,7 +172,7 @@ class SpectralBasis(Versioned, StatelessShapeTransformer, BaseEstimator):
         warn_of_repairs(made)
         warn_of_skipped(shapes, told=meshes)
         _warn_of_unknown_sides(shapes)
-        return shapes
+        return cast("list[SpectralShape]", shapes)  # none is skipped unless that is asked for
 
     def _check_parameters(self) -> None:
         check_choice(self.on_invalid, "on_invalid", _OUTCOMES)
@@ -170,24 +182,27 @@ class SpectralBasis(Versioned, StatelessShapeTransformer, BaseEstimator):
 
 def _warn_of_unknown_sides(shapes: Sequence[SpectralShape | SkippedShape]) -> None:
     unknown = [
-        (i, shape.name) for i, shape in enumerate(shapes) if not isinstance(shape, SkippedShape) and not shape.outward
+        (i, shape.name)
+        for i, shape in enumerate(shapes)
+        if not isinstance(shape, SkippedShape) and not shape.outward
     ]
     names = [f"X[{i}]" if name is None else repr(name) for i, name in unknown]
     if names:
         warn(
-            f"It cannot be told which side of {', '.join(names)} is the outside: no consistent winding, or no volume "
-            "enclosed. Oriented probes and mean curvature may have the wrong sign there, and left be taken for right; "
-            "check the winding of the faces, or use DescriptorTransformer('paper').",
+            f"It cannot be told which side of {', '.join(names)} is the outside: no consistent "
+            "winding, or no volume enclosed. Oriented probes and mean curvature may have the "
+            "wrong sign there, and left be taken for right; check the winding of the faces, or "
+            "use DescriptorTransformer('paper').",
             OrientationWarning,
         )
 
 
-def _or_raise(item: Any, i: int, *how: Any) -> tuple[SpectralShape, str]:
+def _or_raise(item: MeshLike, i: int, *how: *_How) -> tuple[SpectralShape, str]:
     return _spectral_shape(as_mesh(item, i), *how), ""
 
 
-def _or_skip(item: Any, i: int, *how: Any) -> tuple[SpectralShape | SkippedShape, str]:
-    """Return the shape, or its place if the mesh cannot be read or used."""
+def _or_skip(item: MeshLike, i: int, *how: *_How) -> tuple[SpectralShape | SkippedShape, str]:
+    """Return the shape, or a skipped one if the mesh cannot be read or used."""
     if isinstance(item, SkippedShape):
         return item, ""
     mesh = None
@@ -195,12 +210,14 @@ def _or_skip(item: Any, i: int, *how: Any) -> tuple[SpectralShape | SkippedShape
         mesh = as_mesh(item, i)
         return _spectral_shape(mesh, *how), ""
     except (MeshError, OSError) as error:
-        name, n_vertices = (named(item, i), n_vertices_of(item)) if mesh is None else (mesh.name, mesh.n_vertices)
+        name, n_vertices = (
+            (named(item, i), n_vertices_of(item)) if mesh is None else (mesh.name, mesh.n_vertices)
+        )
         return SkippedShape(name, str(error), n_vertices), ""
 
 
-def _or_repair(item: Any, i: int, *how: Any) -> tuple[SpectralShape | SkippedShape, str]:
-    """Return the shape, of the mended mesh if the mesh cannot be used as it is, or its place if that cannot either."""
+def _or_repair(item: MeshLike, i: int, *how: *_How) -> tuple[SpectralShape | SkippedShape, str]:
+    """Return the shape, if need be of the mended mesh, or a skipped one if nothing helps."""
     shape, _ = _or_skip(item, i, *how)
     if not isinstance(shape, SkippedShape) or isinstance(item, SkippedShape):
         return shape, ""
@@ -213,13 +230,17 @@ def _or_repair(item: Any, i: int, *how: Any) -> tuple[SpectralShape | SkippedSha
         if str(hopeless) == shape.reason:
             return shape, ""
         return replace(shape, reason=f"{shape.reason} It cannot be mended: {hopeless}"), ""
-    return replace(mended, vertex_map=repair.vertex_map if repair.renumbered else None), ", ".join(repair.done)
+    return replace(mended, vertex_map=repair.vertex_map if repair.renumbered else None), ", ".join(
+        repair.done
+    )
 
 
 _OUTCOMES = {"raise": _or_raise, "repair": _or_repair, "skip": _or_skip}
 
 
-def _spectral_shape(mesh: Mesh, laplacian: str, n_components: int, memory: Any) -> SpectralShape:
+def _spectral_shape(
+    mesh: Mesh, laplacian: str, n_components: int, memory: MemoryLike
+) -> SpectralShape:
     _check_mesh(mesh, laplacian, n_components)
     faces, consistent, outward = orient_faces(mesh.vertices, mesh.faces)
     oriented = mesh if np.array_equal(faces, mesh.faces) else Mesh(mesh.vertices, faces, mesh.name)
@@ -235,15 +256,18 @@ def _spectral_shape(mesh: Mesh, laplacian: str, n_components: int, memory: Any) 
         ) from error
     if not (np.isfinite(evals).all() and np.isfinite(evecs).all()):
         raise MeshError(
-            f"No eigenbasis for {label(mesh.name)}: its eigenfunctions are not numbers. Its coordinates may have lost "
-            "their digits far from the origin, or its faces their shape; see skfmap.check_mesh."
+            f"No eigenbasis for {label(mesh.name)}: its eigenfunctions are not numbers. Its "
+            "coordinates may have lost their digits far from the origin, or its faces their "
+            "shape; see skfmap.check_mesh."
         )
-    spectral = SpectralShape(oriented, evals, evecs, mass, stiffness, oriented.area, consistent, outward, laplacian)
+    spectral = SpectralShape(
+        oriented, evals, evecs, mass, stiffness, oriented.area, consistent, outward, laplacian
+    )
     return spectral.truncate(n_components)
 
 
 def _n_computed(n_components: int, n_vertices: int) -> int:
-    """Return how many eigenfunctions are computed: whole blocks, so that every smaller number is a part of them."""
+    """Return how many eigenfunctions are computed: whole blocks, of which fewer are a part."""
     return min(_BLOCK * -(-int(n_components) // _BLOCK), n_vertices - 1)
 
 
@@ -264,28 +288,28 @@ def _check_mesh(mesh: Mesh, laplacian: str, n_components: int) -> None:
     who = label(mesh.name)
     if len(loose := unreferenced_vertices(mesh.faces, mesh.n_vertices)):
         raise MeshError(
-            f"{who} has {len(loose)} vertices that no face uses, the first is vertex {loose[0]}. Remove them, and "
-            "renumber its correspondences to match."
+            f"{who} has {len(loose)} vertices that no face uses, the first is vertex {loose[0]}. "
+            "Remove them, and renumber its correspondences to match."
         )
     if len(repeated := repeated_corners(mesh.faces)):
         raise MeshError(
-            f"{who} has {len(repeated)} faces that name a vertex twice, the first is face {repeated[0]}; "
-            "remove these faces (vertex numbers stay as they are)."
+            f"{who} has {len(repeated)} faces that name a vertex twice, the first is face "
+            f"{repeated[0]}; remove these faces (vertex numbers stay as they are)."
         )
     if (n_parts := count_components(mesh.faces, mesh.n_vertices)) > 1:
         raise MeshError(
-            f"{who} has {n_parts} connected components; a functional map cannot relate them. Keep the largest, or "
-            "merge duplicate vertices if they split the surface along seams."
+            f"{who} has {n_parts} connected components; a functional map cannot relate them. Keep "
+            "the largest, or merge duplicate vertices if they split the surface along seams."
         )
     if n_components >= mesh.n_vertices:
         raise MeshError(
-            f"{who} has {mesh.n_vertices} vertices, too few for n_components={n_components}; lower n_components (and "
-            "the learner's n_functions), or refine the mesh."
+            f"{who} has {mesh.n_vertices} vertices, too few for n_components={n_components}; "
+            "lower n_components (and the learner's n_functions), or refine the mesh."
         )
     if not SMALLEST_AREA < mesh.area < LARGEST_AREA:
         raise MeshError(
-            f"{who} has an area of {mesh.area:.2g}, too extreme to compute with; check its coordinates, or choose "
-            "another unit of length."
+            f"{who} has an area of {mesh.area:.2g}, too extreme to compute with; check its "
+            "coordinates, or choose another unit of length."
         )
     if laplacian == "cotangent":
         _check_cotangent(mesh, who)
@@ -295,10 +319,11 @@ def _check_cotangent(mesh: Mesh, who: str) -> None:
     remedy = "use SpectralBasis(laplacian='robust')."
     if len(flat := degenerate_faces(mesh.vertices, mesh.faces)):
         raise MeshError(
-            f"{who} has {len(flat)} faces without area, the first is face {flat[0]}; mend them, or {remedy}"
+            f"{who} has {len(flat)} faces without area, the first is face {flat[0]}; mend them, "
+            f"or {remedy}"
         )
     if len(edges := nonmanifold_edges(mesh.faces)):
         raise MeshError(
-            f"{who} has {len(edges)} edges with more than two faces, the first is {edges[0].tolist()}; mend them, or "
-            f"{remedy}"
+            f"{who} has {len(edges)} edges with more than two faces, the first is "
+            f"{edges[0].tolist()}; mend them, or {remedy}"
         )

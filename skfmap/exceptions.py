@@ -1,4 +1,4 @@
-"""Errors and warnings that skfmap raises; each message names the shape, the fault and the remedy."""
+"""Errors and warnings of skfmap; each message names the shape, the fault and the remedy."""
 
 __all__ = [
     "CacheWarning",
@@ -41,7 +41,7 @@ class VersionWarning(UserWarning):
 
 
 class OutdatedModelError(ValueError):
-    """A saved model is of a kind that this version does not know any more; the message says how to fit it again."""
+    """A saved model is of a kind that is no longer supported; the message says how to refit it."""
 
 
 class OrientationWarning(UserWarning):
@@ -53,12 +53,12 @@ class RepairWarning(UserWarning):
 
 
 class SkippedShapeWarning(UserWarning):
-    """Shapes were left out because they cannot be used; they keep their places."""
+    """Shapes were left out because they cannot be used; they keep their indices."""
 
 
 class StabilityWarning(UserWarning):
-    """What was learned carries hardly any function where it belongs, or has weights at their bounds."""
+    """What was learned carries hardly any function well, or has weights at their bounds."""
 
 
 class UnfamiliarShapeWarning(UserWarning):
-    """A shape is not like the training shapes: its matches are worse than their expected errors say."""
+    """A shape is unlike the training shapes: its errors are larger than the expected ones."""

@@ -1,11 +1,11 @@
 """Known functional maps, from where the shapes lie on the template."""
 
 from collections.abc import Sequence
-from typing import Any, NamedTuple, cast
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from skfmap._tools.caching import cached, hash_of_arrays
+from skfmap._tools.caching import MemoryLike, cached, hash_of_arrays
 from skfmap._tools.parallel import map_shapes
 from skfmap._tools.types import FloatArray, IntArray
 from skfmap._tools.validation import label
@@ -32,17 +32,21 @@ __all__ = [
 def join_with_reference(
     truth: Correspondence, shape: ProbedShape, truth_0: Correspondence, reference: ProbedShape
 ) -> JoinedPairs:
-    """Return the pairs of vertices of a shape and of the reference; none at all is an error that names both."""
+    """Return the pairs of vertices of a shape and of the reference.
+
+    None at all is an error that names both.
+    """
     joined = truth.join(truth_0)
     if len(joined.points) == 0:
         raise CorrespondenceError(
-            f"{label(shape.name, 'shape')} and the reference {reference.name!r} share no template point. "
-            "Check that both are given on the same template (Correspondence.from_vertices or from_template?)."
+            f"{label(shape.name, 'shape')} and the reference {reference.name!r} share no template "
+            "point. Check that both are given on the same template (Correspondence.from_vertices "
+            "or from_template?)."
         )
     return joined
 
 
-# Share of pairs that may be left out without a word.
+# Share of pairs that may be left out without a word: slips that a person would not look for.
 _MANY = 0.02
 
 
@@ -60,7 +64,8 @@ class KnownMap(NamedTuple):
     n_wrong : int
         How many pairs are left out.
     truncation : ndarray of shape (n_components, n_components)
-        `residual_covariance` of the map that the pairs make in all functions held: what the cut costs.
+        `residual_covariance` of the map that the pairs make in all functions held: what the cut
+        costs.
     """
 
     C: FloatArray
@@ -76,13 +81,15 @@ def ground_truth_maps(
     joins: Sequence[JoinedPairs],
     n_functions: int,
     *,
-    memory: Any = None,
+    memory: MemoryLike = None,
     n_jobs: int | None = None,
 ) -> FloatArray:
-    """Fit the functional maps C_i that known correspondences make, from functions on the reference to each shape.
+    """Fit the functional maps C_i that known correspondences make.
 
-    Mass-weighted least squares: each pair counts by the area that its vertex stands for, so that sparse landmarks weigh
-    the surface evenly.
+    They run from functions on the reference to functions on each shape.
+
+    Mass-weighted least squares: each pair counts by the area that its vertex stands for, so that
+    sparse landmarks weigh the surface evenly.
 
     Parameters
     ----------
@@ -123,34 +130,45 @@ def known_maps(
     joins: Sequence[JoinedPairs],
     n_functions: int,
     *,
-    memory: Any = None,
+    memory: MemoryLike = None,
     n_jobs: int | None = None,
 ) -> list[KnownMap]:
     """Return `ground_truth_maps` with what else the pairs tell."""
-    arguments = ((s, reference, join, n_functions, memory) for s, join in zip(shapes, joins, strict=True))
-    known: list[KnownMap] = map_shapes(_known_map, arguments, n_jobs=n_jobs, verbose=0, prefer="threads")
+    arguments = (
+        (s, reference, join, n_functions, memory) for s, join in zip(shapes, joins, strict=True)
+    )
+    known: list[KnownMap] = map_shapes(
+        _known_map, arguments, n_jobs=n_jobs, verbose=0, prefer="threads"
+    )
     return known
 
 
 def coverage_messages(known: Sequence[KnownMap], names: Sequence[str], k: int) -> list[str]:
-    """Return what a person should know of known maps: many pairs left out, or functions that no pairs determine."""
+    """Return what a person should know of known maps.
+
+    Many pairs left out, or functions that no pairs determine.
+    """
     wrong = [
         f"{one.n_wrong} of the {len(one.areas)} pairs of {name}"
         for name, one in zip(names, known, strict=True)
         if one.n_wrong > _MANY * len(one.areas)
     ]
-    partial = [f"{name} {one.n_observed}" for name, one in zip(names, known, strict=True) if one.n_observed < k]
+    partial = [
+        f"{name} {one.n_observed}"
+        for name, one in zip(names, known, strict=True)
+        if one.n_observed < k
+    ]
     messages = []
     if wrong:
         messages.append(
-            f"{', '.join(wrong)} lie far from where a smooth map puts them and are left out; check the correspondence "
-            "if that surprises you."
+            f"{', '.join(wrong)} lie far from where a smooth map puts them and are left out; "
+            "check the correspondence if that surprises you."
         )
     if partial:
         messages.append(
-            f"The pairs of these shapes determine fewer than the {k} functions asked for: {', '.join(partial)}. The "
-            "rest of each known map is a guess by isometry. Give more or better spread pairs, lower n_functions, or "
-            "leave the shapes out."
+            f"The pairs of these shapes determine fewer than the {k} functions asked for: "
+            f"{', '.join(partial)}. The rest of each known map is a guess by isometry. Give more "
+            "or better spread pairs, lower n_functions, or leave the shapes out."
         )
     return messages
 
@@ -162,17 +180,25 @@ def warn_of_coverage(known: Sequence[KnownMap], names: Sequence[str], k: int) ->
 
 
 def check_landmarks(shape: ProbedShape, reference: ProbedShape, join: JoinedPairs, k: int) -> int:
-    """Return how many distinct landmarks a shape and the reference share; fewer than k are an error."""
-    n_distinct = min(len(np.unique(part)) for part in (join.vertices_i, join.vertices_0, join.points))
+    """Return how many distinct landmarks a shape and the reference share.
+
+    Fewer than k are an error.
+    """
+    n_distinct = min(
+        len(np.unique(part)) for part in (join.vertices_i, join.vertices_0, join.points)
+    )
     if n_distinct < k:
         raise CorrespondenceError(
-            f"{label(shape.name, 'shape')} and {reference.name!r} share {n_distinct} distinct landmarks, too few for "
-            f"n_functions={k}; give more pairs, or lower n_functions to well below {n_distinct}."
+            f"{label(shape.name, 'shape')} and {reference.name!r} share {n_distinct} distinct "
+            f"landmarks, too few for n_functions={k}; give more pairs, or lower n_functions to "
+            f"well below {n_distinct}."
         )
     return n_distinct
 
 
-def _known_map(shape: ProbedShape, reference: ProbedShape, join: JoinedPairs, k: int, memory: Any) -> KnownMap:
+def _known_map(
+    shape: ProbedShape, reference: ProbedShape, join: JoinedPairs, k: int, memory: Any
+) -> KnownMap:
     n_distinct = check_landmarks(shape, reference, join, k)
     spectral, spectral_0 = shape.spectral, reference.spectral
     n_components = min(spectral.n_components, spectral_0.n_components)
@@ -187,7 +213,7 @@ def _known_map(shape: ProbedShape, reference: ProbedShape, join: JoinedPairs, k:
         np.array([k, n_distinct]),
     )
     compute = cached(_fit_pairs, memory)
-    return cast(KnownMap, compute(pairs, hash_of_arrays(spectral.mesh.vertices, spectral.mesh.faces, *pairs[1:])))
+    return compute(pairs, hash_of_arrays(spectral.mesh.vertices, spectral.mesh.faces, *pairs[1:]))
 
 
 class _Pairs(NamedTuple):
@@ -212,21 +238,30 @@ def _fit_pairs(pairs: _Pairs, content_hash: str) -> KnownMap:  # noqa: ARG001
     wrong = wrong_pairs(pairs.evecs_i, pairs.evecs_0, share)
     share[wrong] = 0.0
     right = pairs._replace(
-        vertices_i=pairs.vertices_i[~wrong], evecs_i=pairs.evecs_i[~wrong], evecs_0=pairs.evecs_0[~wrong]
+        vertices_i=pairs.vertices_i[~wrong],
+        evecs_i=pairs.evecs_i[~wrong],
+        evecs_0=pairs.evecs_0[~wrong],
     )
     truth = map_from_pairs(right.evecs_i[:, :k], right.evecs_0[:, :k], share[~wrong], pairs.mask)
-    truncation = _truncation(right, share[~wrong], min(n_distinct, len(np.unique(right.vertices_i))))
+    truncation = _truncation(
+        right, share[~wrong], min(n_distinct, len(np.unique(right.vertices_i)))
+    )
     return KnownMap(truth.C, truth.n_observed, share, int(wrong.sum()), truncation)
 
 
 def _truncation(pairs: _Pairs, areas: FloatArray, n_distinct: int) -> FloatArray:
-    """Return the covariance of residuals in as many functions as the pairs can tell; the rest is like the last."""
+    """Return the covariance of residuals in as many functions as the pairs can tell.
+
+    The rest is like the last.
+    """
     n_components = pairs.evecs_i.shape[1]
     n_told = min(n_components, max(2, n_distinct // 2))
     evecs_i, evecs_0 = pairs.evecs_i[:, :n_told], pairs.evecs_0[:, :n_told]
     gram = (areas[:, None] * evecs_i).T @ evecs_i
     C = np.linalg.solve(gram + 1e-9 * np.eye(n_told), (areas[:, None] * evecs_i).T @ evecs_0)
-    told = residual_covariance(evecs_i, evecs_0, areas, np.asarray(C, dtype=np.float64), leverage_of=gram)
+    told = residual_covariance(
+        evecs_i, evecs_0, areas, np.asarray(C, dtype=np.float64), leverage_of=gram
+    )
     last = float(np.diag(told)[-10:].mean())
     covariance = np.diag(np.full(n_components, last))
     covariance[:n_told, :n_told] = told

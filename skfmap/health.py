@@ -2,9 +2,9 @@
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
 from skfmap._tools.ties import first_of_largest
 from skfmap._tools.types import FloatArray, IntArray
@@ -14,7 +14,7 @@ from skfmap._tools.validation import (
     SMALLEST_AREA,
     as_array,
     as_reals,
-    has_place,
+    is_finite,
     label,
 )
 from skfmap.exceptions import MeshError
@@ -33,13 +33,16 @@ from skfmap.geometry.faults import (
     unreferenced_vertices,
 )
 from skfmap.geometry.orientation import orient_faces, signed_volume
-from skfmap.io import read_arrays
+from skfmap.io import MeshLike, read_arrays
 from skfmap.shapes import Mesh
 
 __all__ = ["Fault", "MeshReport", "Repair", "check_mesh", "repair_mesh"]
 
-# A mesh this many times its own size away from the origin has lost that many digits of its coordinates.
+# A mesh this many times its extent away from the origin has lost six of sixteen digits of its
+# coordinates. Only a note hangs on it; other numbers were never tried.
 _FAR = 1e6
+# Share of the vertices that a repair may remove before it asks whether the mesh is whole; a guess.
+_MANY_REMOVED = 0.2
 
 
 @dataclass(frozen=True)
@@ -51,8 +54,9 @@ class Fault:
     kind : str
         What it is.
     level : {"fatal", "robust", "mended", "note"}
-        ``"fatal"``: `SpectralBasis` refuses the mesh. ``"robust"``: it refuses it unless ``laplacian="robust"``.
-        ``"mended"``: it puts that right by itself, vertices keep their numbers. ``"note"``: it is accepted.
+        ``"fatal"``: `SpectralBasis` refuses the mesh. ``"robust"``: it refuses it unless
+        ``laplacian="robust"``. ``"mended"``: it puts that right by itself, vertices keep their
+        numbers. ``"note"``: it is accepted.
     count : int
         How often.
     first : int or None
@@ -100,14 +104,16 @@ class MeshReport:
 
     def __str__(self) -> str:
         """Return a line for the mesh, and one for each fault."""
-        verdict = "sound" if not self.faults else "usable" if self.usable() else "not usable as it is"
+        verdict = (
+            "sound" if not self.faults else "usable" if self.usable() else "not usable as it is"
+        )
         if not self.usable() and self.usable("robust"):
             verdict = "usable with SpectralBasis(laplacian='robust')"
         head = f"{label(self.name)}: {self.n_vertices} vertices, {self.n_faces} faces, {verdict}"
         return "\n".join([head, *(f"  {fault}" for fault in self.faults)])
 
 
-def check_mesh(mesh: Any) -> MeshReport:
+def check_mesh(mesh: MeshLike) -> MeshReport:
     """Say everything that is wrong with a mesh, and what it means for a functional map.
 
     Parameters
@@ -130,7 +136,8 @@ def check_mesh(mesh: Any) -> MeshReport:
     >>> vertices = [[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1], [9, 9, 9]]
     >>> print(check_mesh((vertices, [[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]])))
     mesh: 5 vertices, 4 faces, not usable as it is
-      [fatal] unreferenced vertices (1, the first is 4): no face uses them, so that no function is defined there. \
+      [fatal] unreferenced vertices (1, the first is 4): no face uses them, so that no function is
+      defined there. \
 repair_mesh removes them and says how the others are renumbered.
     """
     try:
@@ -143,33 +150,38 @@ repair_mesh removes them and says how the others are renumbered.
     if len(vertices) and sound.any():
         found += _faults_of_surface(vertices, faces[sound])
     order = ("fatal", "robust", "mended", "note")
-    return MeshReport(name, len(vertices), len(faces), tuple(sorted(found, key=lambda one: order.index(one.level))))
+    faults = tuple(sorted(found, key=lambda one: order.index(one.level)))
+    return MeshReport(name, len(vertices), len(faces), faults)
 
 
-def _raw(mesh: Any) -> tuple[FloatArray, IntArray, str | None]:
+def _raw(mesh: MeshLike) -> tuple[FloatArray, IntArray, str | None]:
     """Return vertices, faces and name, not checked."""
     name = getattr(mesh, "name", None)
     if isinstance(mesh, (str, Path)):
         name, mesh = Path(mesh).stem, read_arrays(mesh)
-    pair = isinstance(mesh, (tuple, list)) and len(mesh) == 2
-    given = mesh if pair else (getattr(mesh, "vertices", None), getattr(mesh, "faces", None))
+    if isinstance(mesh, (tuple, list)) and len(mesh) == 2:
+        given = mesh[0], mesh[1]
+    else:
+        given = getattr(mesh, "vertices", None), getattr(mesh, "faces", None)
     vertices = as_reals(given[0], f"The vertices of {label(name)}", MeshError)
     faces = as_array(given[1], f"The faces of {label(name)}", MeshError)
-    vertices, faces = (array.reshape(0, 3) if array.size == 0 else array for array in (vertices, faces))
+    vertices, faces = (
+        array.reshape(0, 3) if array.size == 0 else array for array in (vertices, faces)
+    )
     if vertices.ndim != 2 or vertices.shape[1] != 3 or faces.ndim != 2 or faces.shape[1] != 3:
         raise MeshError(
-            f"{label(name)} must have vertices of shape (n, 3) and triangles of shape (m, 3); got {vertices.shape} "
-            f"and {faces.shape}. Triangulate it first."
+            f"{label(name)} must have vertices of shape (n, 3) and triangles of shape (m, 3); got "
+            f"{vertices.shape} and {faces.shape}. Triangulate it first."
         )
     if faces.size and not np.issubdtype(faces.dtype, np.integer):
         raise MeshError(f"The faces of {label(name)} must be integers; got dtype {faces.dtype}.")
     return vertices, faces.astype(np.int64), name if isinstance(name, str) else None
 
 
-def _fault(kind: str, level: str, where: Any, meaning: str) -> list[Fault]:
-    """Return a fault if it occurs anywhere."""
-    places = np.asarray(where).ravel()
-    return [Fault(kind, level, len(places), int(places[0]), meaning)] if len(places) else []
+def _fault(kind: str, level: str, where: npt.ArrayLike, meaning: str) -> list[Fault]:
+    """Return a fault of the vertices or faces with these indices, if there are any."""
+    indices = np.asarray(where).ravel()
+    return [Fault(kind, level, len(indices), int(indices[0]), meaning)] if len(indices) else []
 
 
 def _faults_of_arrays(vertices: FloatArray, faces: IntArray) -> list[Fault]:
@@ -183,15 +195,16 @@ def _faults_of_arrays(vertices: FloatArray, faces: IntArray) -> list[Fault]:
         *_fault(
             "vertices with NaN or infinite coordinates",
             "fatal",
-            np.flatnonzero(~has_place(vertices)),
-            f"or beyond {LARGEST_COORDINATE:.0e}: they have no place. repair_mesh removes them and their faces.",
+            np.flatnonzero(~is_finite(vertices)),
+            f"or beyond {LARGEST_COORDINATE:.0e}, where areas overflow. repair_mesh removes them "
+            "and their faces.",
         ),
         *_fault(
             "faces with indices out of range",
             "fatal",
             np.flatnonzero(outside),
-            f"there are {len(vertices)} vertices (0 to {len(vertices) - 1}); a file that counts from 1? repair_mesh "
-            "removes these faces.",
+            f"there are {len(vertices)} vertices (0 to {len(vertices) - 1}); a file that counts "
+            "from 1? repair_mesh removes these faces.",
         ),
         *_fault(
             "faces that name a vertex twice",
@@ -203,8 +216,8 @@ def _faults_of_arrays(vertices: FloatArray, faces: IntArray) -> list[Fault]:
             "unreferenced vertices",
             "fatal",
             unreferenced_vertices(inside, len(vertices)),
-            "no face uses them, so that no function is defined there. repair_mesh removes them and says how the others "
-            "are renumbered.",
+            "no face uses them, so that no function is defined there. repair_mesh removes them "
+            "and says how the others are renumbered.",
         ),
     ]
 
@@ -217,7 +230,7 @@ def _faults_of_surface(vertices: FloatArray, faces: IntArray) -> list[Fault]:
     if extreme := _faults_of_scale(points, local):
         return extreme
     return [
-        *_faults_of_place(points),
+        *_faults_of_distance(points),
         *_faults_of_pieces(used, local),
         *_fault(
             "faces without area",
@@ -229,15 +242,15 @@ def _faults_of_surface(vertices: FloatArray, faces: IntArray) -> list[Fault]:
             "edges with more than two faces",
             "robust",
             [used[edge[0]] for edge in nonmanifold_edges(local)],
-            "the surface branches there; laplacian='robust' copes, without oriented probes if the faces cannot be "
-            "wound consistently.",
+            "the surface branches there; laplacian='robust' copes, without oriented probes if the "
+            "faces cannot be wound consistently.",
         ),
         *_fault(
             "faces that stand there twice",
             "robust",
             duplicate_faces(local),
-            "a sheet that covers another counts its area twice. repair_mesh keeps the first; vertices keep their "
-            "numbers.",
+            "a sheet that covers another counts its area twice. repair_mesh keeps the first; "
+            "vertices keep their numbers.",
         ),
         *_fault(
             "vertices where parts of the surface touch in a point",
@@ -249,8 +262,8 @@ def _faults_of_surface(vertices: FloatArray, faces: IntArray) -> list[Fault]:
             "vertices at the same place as another",
             "note",
             used[duplicate_vertices(points)],
-            "accepted; where they split the surface along a seam, functions may jump across it. repair_mesh merges "
-            "them if that joins components.",
+            "accepted; where they split the surface along a seam, functions may jump across it. "
+            "repair_mesh merges them if that joins components.",
         ),
         *_fault(
             "slivers",
@@ -274,13 +287,13 @@ def _faults_of_scale(points: FloatArray, faces: IntArray) -> list[Fault]:
     return [Fault("extreme scale", "fatal", 1, None, meaning)]
 
 
-def _faults_of_place(points: FloatArray) -> list[Fault]:
-    size, distance = float(np.ptp(points, axis=0).max()), float(np.abs(points).max())
-    if distance <= _FAR * size:
+def _faults_of_distance(points: FloatArray) -> list[Fault]:
+    extent, distance = float(np.ptp(points, axis=0).max()), float(np.abs(points).max())
+    if distance <= _FAR * extent:
         return []
     meaning = (
-        f"the mesh is {distance / size:.0e} times its own size away from the origin, so that its coordinates have lost "
-        "as many digits; move it there before it is stored."
+        f"the mesh is {distance / extent:.0e} times its own size away from the origin, so that its "
+        "coordinates have lost as many digits; move it there before it is stored."
     )
     return [Fault("far from the origin", "note", 1, None, meaning)]
 
@@ -291,8 +304,9 @@ def _faults_of_pieces(used: IntArray, faces: IntArray) -> list[Fault]:
     if len(counts) == 1:
         return []
     meaning = (
-        f"the largest has {counts.max() / len(used):.0%} of the vertices; a functional map cannot relate components. "
-        "repair_mesh merges duplicate vertices if that joins them, and keeps the largest."
+        f"the largest has {counts.max() / len(used):.0%} of the vertices; a functional map cannot "
+        "relate components. repair_mesh merges duplicate vertices if that joins them, and keeps "
+        "the largest."
     )
     return [Fault("connected components", "fatal", len(counts), None, meaning)]
 
@@ -306,10 +320,13 @@ def _faults_of_sides(points: FloatArray, faces: IntArray) -> list[Fault]:
         meaning = "faces are turned; vertices keep their numbers."
         return [Fault("inconsistent winding", "mended", 1, None, meaning)]
     if not outward:
-        meaning = "which side is the outside cannot be told; oriented probes may take left for right."
+        meaning = (
+            "which side is the outside cannot be told; oriented probes may take left for right."
+        )
         return [Fault("encloses no volume", "note", 1, None, meaning)]
     if signed_volume(points, faces) < 0:
-        return [Fault("inside out", "mended", 1, None, "faces are turned outwards; vertices keep their numbers.")]
+        meaning = "faces are turned outwards; vertices keep their numbers."
+        return [Fault("inside out", "mended", 1, None, meaning)]
     return []
 
 
@@ -317,15 +334,8 @@ def _faults_of_boundary(faces: IntArray) -> list[Fault]:
     n_loops = len(boundary_pieces(faces))
     if n_loops == 0:
         return []
-    return [
-        Fault(
-            "boundary loops",
-            "note",
-            n_loops,
-            None,
-            "holes, or a rim: accepted; curvature there is that of the neighbours.",
-        )
-    ]
+    meaning = "holes, or a rim: accepted; curvature there is that of the neighbours."
+    return [Fault("boundary loops", "note", n_loops, None, meaning)]
 
 
 @dataclass(frozen=True, eq=False)
@@ -352,13 +362,14 @@ class Repair:
         return not np.array_equal(self.vertex_map, np.arange(len(self.vertex_map)))
 
 
-def repair_mesh(mesh: Any) -> Repair:
+def repair_mesh(mesh: MeshLike) -> Repair:
     """Mend what can be mended, and say what was done.
 
-    In this order: faces that are no triangles, lead nowhere or stand there twice are removed; duplicate vertices are
-    merged if that joins components; the component of most area is kept; vertices that no face uses are removed; faces
-    are wound consistently and outwards. No vertex is moved. Faces without area and edges with more than two faces are
-    left as they are: the robust Laplacian copes with them.
+    In this order: faces that are no triangles, lead nowhere or stand there twice are removed;
+    duplicate vertices are merged if that joins components; the component of most area is kept;
+    vertices that no face uses are removed; faces are wound consistently and outwards. No vertex is
+    moved. Faces without area and edges with more than two faces are left as they are: the robust
+    Laplacian copes with them.
 
     Parameters
     ----------
@@ -368,7 +379,8 @@ def repair_mesh(mesh: Any) -> Repair:
     Returns
     -------
     Repair
-        The mesh, the new number of each vertex, and what was done. `Correspondence.renumber` takes the numbers.
+        The mesh, the new number of each vertex, and what was done. `Correspondence.renumber` takes
+        the numbers.
 
     Raises
     ------
@@ -396,17 +408,19 @@ def repair_mesh(mesh: Any) -> Repair:
         faces, target, told = step(vertices, faces, target)
         done += told
         if len(faces) == 0:
-            raise MeshError(f"Nothing is left of {label(name)}: {'; '.join(done) or 'it has no faces'}. Leave it out.")
+            raise MeshError(
+                f"Nothing is left of {label(name)}: {'; '.join(done) or 'it has no faces'}. Leave "
+                "it out."
+            )
     used = np.unique(faces)
     renumber = np.full(len(vertices) + 1, -1)
     renumber[used] = np.arange(len(used))
     vertex_map = renumber[target]
     n_dropped = int((vertex_map < 0).sum())
     if n_dropped:
-        share = (
-            f" ({n_dropped / len(vertices):.0%} of all: is the mesh whole?)" if 5 * n_dropped > len(vertices) else ""
-        )
-        done.append(f"removed {n_dropped} vertices that no face used{share}")
+        share = n_dropped / len(vertices)
+        doubt = f" ({share:.0%} of all: is the mesh whole?)" if share > _MANY_REMOVED else ""
+        done.append(f"removed {n_dropped} vertices that no face used{doubt}")
     points, faces = vertices[used], renumber[faces]
     wound, _, _ = orient_faces(points, faces)
     if not np.array_equal(wound, faces):
@@ -420,49 +434,48 @@ _Step = tuple[IntArray, IntArray, list[str]]
 def _drop_unsound(vertices: FloatArray, faces: IntArray, target: IntArray) -> _Step:
     sound = sound_faces(vertices, faces)
     n_lost = int((~sound).sum())
-    return faces[sound], target, [f"removed {n_lost} faces that were no triangles or led nowhere"] if n_lost else []
+    told = [f"removed {n_lost} faces that were no triangles or led nowhere"] if n_lost else []
+    return faces[sound], target, told
 
 
 def _drop_twice(vertices: FloatArray, faces: IntArray, target: IntArray) -> _Step:  # noqa: ARG001
     twice = duplicate_faces(faces)
-    kept = np.delete(faces, twice, axis=0)
-    return kept, target, [f"removed {len(twice)} faces that stood there twice"] if len(twice) else []
+    told = [f"removed {len(twice)} faces that stood there twice"] if len(twice) else []
+    return np.delete(faces, twice, axis=0), target, told
 
 
 def _merge_seams(vertices: FloatArray, faces: IntArray, target: IntArray) -> _Step:
-    """Merge vertices at one place if that joins components."""
+    """Merge vertices with the same coordinates if that joins components."""
     used = np.unique(faces)
     before = len(np.unique(components(faces, len(vertices))[used]))
-    _, first, place = np.unique(vertices[used], axis=0, return_index=True, return_inverse=True)
+    _, first, point = np.unique(vertices[used], axis=0, return_index=True, return_inverse=True)
     if before == 1 or len(first) == len(used):
         return faces, target, []
     merged = np.arange(len(vertices))
-    merged[used] = used[first][place.ravel()]
+    merged[used] = used[first][point.ravel()]
     joined = merged[faces]
     joined = np.delete(joined, repeated_corners(joined), axis=0)
     joined = np.delete(joined, duplicate_faces(joined), axis=0)
     after = len(np.unique(components(joined, len(vertices))[np.unique(joined)]))
     if after == before:
         return faces, target, []
-    n_merged = len(used) - len(first)
-    return (
-        joined,
-        merged[target],
-        [f"merged {n_merged} duplicate vertices, which joined {before} components to {after}"],
-    )
+    n = len(used) - len(first)
+    told = f"merged {n} duplicate vertices, which joined {before} components to {after}"
+    return joined, merged[target], [told]
 
 
 def _keep_largest(vertices: FloatArray, faces: IntArray, target: IntArray) -> _Step:
     piece = components(faces, len(vertices))[faces[:, 0]]
     corners = vertices[faces]
-    areas = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
+    areas = np.linalg.norm(
+        np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1
+    )
     numbers, inverse = np.unique(piece, return_inverse=True)
     if len(numbers) == 1:
         return faces, target, []
     sizes = np.asarray(np.bincount(inverse, areas), dtype=np.float64)
     largest = first_of_largest(sizes)  # of a pair of equal size, the one that comes first
     kept = inverse == largest
-    told = (
-        f"kept the largest of {len(numbers)} components, {areas[kept].sum() / max(areas.sum(), 1e-300):.1%} of the area"
-    )
+    share = areas[kept].sum() / max(areas.sum(), 1e-300)  # there may be no area at all
+    told = f"kept the largest of {len(numbers)} components, {share:.1%} of the area"
     return faces[kept], target, [told]

@@ -1,4 +1,7 @@
-"""Reading and writing meshes, vertex order kept. Trimesh is imported when a file is read or written, not before."""
+"""Reading and writing meshes; vertices keep their order.
+
+Trimesh is imported when a file is read or written, not before.
+"""
 
 import io
 import logging
@@ -7,12 +10,13 @@ import re
 import sys
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol, TypeAlias, TypeGuard, cast
 
 import numpy as np
+import numpy.typing as npt
 
 from skfmap._tools.types import FloatArray, IntArray
-from skfmap._tools.validation import check_place, check_samples, has_place, label
+from skfmap._tools.validation import check_folder, check_samples, is_finite, label
 from skfmap.exceptions import MeshError
 from skfmap.geometry.faults import sound_faces
 from skfmap.shapes import Mesh, SkippedShape
@@ -32,8 +36,12 @@ __all__ = [
 
 MESH_SUFFIXES = (".off", ".obj", ".ply", ".stl")
 
-# What single precision may lose of the size of a mesh.
+# What single precision may lose of the extent of a mesh: about a hundredth of a mean edge of 5,000
+# vertices. Its seven digits do so where a mesh is 1,700 times its extent away from the origin.
 _MOST_LOST = 1e-4
+
+# Bytes in which the header of a PLY file is looked for; that of a mesh has some 300.
+_MOST_HEADER = 65536
 
 # Materials and texture would split an OBJ file into parts with vertices of their own.
 _READ_OPTIONS: dict[str, dict[str, bool]] = {
@@ -41,7 +49,7 @@ _READ_OPTIONS: dict[str, dict[str, bool]] = {
 }
 
 
-_MARK = b"\xef\xbb\xbf"  # of the order of bytes, which editors put in front of texts
+_MARK = b"\xef\xbb\xbf"  # the byte order mark that editors put in front of texts
 
 # OBJ files: lines that go on; what follows a vertex there, and those that name vertex 0.
 _CONTINUED = re.compile(rb"\\\r?\n")
@@ -49,11 +57,31 @@ _AFTER_SLASH = re.compile(rb"/[^\s]*")
 _ZERO_INDEX = re.compile(rb"^[ \t]*f[ \t]+(?:[^\n]*[ \t])?0+(?=\s|$)[^\n]*", re.MULTILINE)
 
 
+class TrimeshLike(Protocol):
+    """What is read of a trimesh.Trimesh."""
+
+    @property
+    def vertices(self) -> FloatArray:
+        """Coordinates."""
+
+    @property
+    def faces(self) -> IntArray:
+        """Triangles."""
+
+    @property
+    def metadata(self) -> dict[str, Any] | None:
+        """May hold a name."""
+
+
+MeshLike: TypeAlias = Mesh | SkippedShape | TrimeshLike | Sequence[npt.ArrayLike] | str | Path
+"""A mesh as users hold it, or one that was skipped; sequences are (vertices, faces) pairs."""
+
+
 def read_mesh(path: str | Path) -> Mesh:
     """Read an OFF, OBJ, PLY or STL file; vertices keep their number and their order.
 
-    STL files have no vertex numbers: there, corners at exactly one position become one vertex, numbered by first
-    appearance.
+    STL files have no vertex numbers: there, corners at exactly one position become one vertex,
+    numbered by first appearance.
 
     Parameters
     ----------
@@ -76,18 +104,21 @@ def read_mesh(path: str | Path) -> Mesh:
 
 
 def read_arrays(path: str | Path) -> tuple[FloatArray, IntArray]:
-    """Return the vertices and faces of a file as `read_mesh` reads them, be they a sound mesh or not."""
+    """Return the vertices and faces of a file as stored, whether they are a sound mesh or not."""
     if not isinstance(path, (str, Path)):
         raise TypeError(f"A mesh is read from a path; got {path!r}.")
     path = Path(path)
     suffix = path.suffix.lower()
     if suffix not in MESH_SUFFIXES:
-        raise MeshError(f"{path} has the suffix {suffix!r}; skfmap reads {', '.join(MESH_SUFFIXES)}.")
+        raise MeshError(
+            f"{path} has the suffix {suffix!r}; skfmap reads {', '.join(MESH_SUFFIXES)}."
+        )
     if not path.is_file():
         raise FileNotFoundError(f"There is no mesh file {path}.")
     import trimesh  # noqa: PLC0415
 
-    logging.getLogger("trimesh").addHandler(logging.NullHandler())  # it writes tracebacks where nobody listens
+    # Without a handler trimesh's tracebacks are written to standard error.
+    logging.getLogger("trimesh").addHandler(logging.NullHandler())
     content = path.read_bytes().removeprefix(_MARK)
     if suffix == ".off":
         content = _without_comments(content)
@@ -95,14 +126,18 @@ def read_arrays(path: str | Path) -> tuple[FloatArray, IntArray]:
         content = _plain_obj(content)
     try:
         loaded = trimesh.load(
-            io.BytesIO(content), file_type=suffix[1:], process=False, force="mesh", **_READ_OPTIONS.get(suffix, {})
+            io.BytesIO(content),
+            file_type=suffix[1:],
+            process=False,
+            force="mesh",
+            **_READ_OPTIONS.get(suffix, {}),
         )
         vertices, faces = np.asarray(loaded.vertices), np.asarray(loaded.faces)
     except Exception as error:
         said = str(error).rstrip(".")
         raise MeshError(
-            f"{path} cannot be read as a triangle mesh; is it whole, and of the format that its name says? The reader "
-            f"says: {type(error).__name__}: {said}."
+            f"{path} cannot be read as a triangle mesh; is it whole, and of the format that its "
+            f"name says? The reader says: {type(error).__name__}: {said}."
         ) from error
     if suffix == ".stl":
         vertices, faces = _weld(vertices, faces)
@@ -115,25 +150,30 @@ def read_arrays(path: str | Path) -> tuple[FloatArray, IntArray]:
 def as_far_as_sound(vertices: FloatArray, faces: IntArray, name: str) -> tuple[Mesh, str]:
     """Return a mesh of the faces that are sound, and what was done; vertices keep their numbers.
 
-    Those without a place belong to no face then, and are put to the centre of the others.
+    Vertices without finite coordinates belong to no face then, and move to the centre of the rest.
     """
-    placed, sound = has_place(vertices), sound_faces(vertices, faces)
-    n_faces, n_vertices = int((~sound).sum()), int((~placed).sum())
+    finite, sound = is_finite(vertices), sound_faces(vertices, faces)
+    n_faces, n_vertices = int((~sound).sum()), int((~finite).sum())
     if not (n_faces or n_vertices):
         return Mesh(vertices, faces, name), ""
     if not sound.any():
-        raise MeshError(f"Nothing is left of {label(name)}: no face names three vertices with a place. Leave it out.")
-    points = np.where(placed[:, None], vertices, vertices[placed].mean(axis=0))
-    what = "were no triangles, led nowhere or had vertices without a place"
-    done = f"left out {n_faces} faces that {what} ({n_vertices} vertices with NaN or infinite coordinates)"
+        raise MeshError(
+            f"Nothing is left of {label(name)}: no face names three vertices with finite "
+            "coordinates. Leave it out."
+        )
+    points = np.where(finite[:, None], vertices, vertices[finite].mean(axis=0))
+    done = (
+        f"left out {n_faces} faces that were no triangles, led nowhere or had unusable vertices "
+        f"({n_vertices} vertices with NaN or infinite coordinates)"
+    )
     return Mesh(points, faces[sound], name), done
 
 
 def write_mesh(mesh: Mesh, path: str | Path) -> None:
     """Write a mesh; the suffix of ``path`` chooses the format.
 
-    OFF and OBJ keep sixteen digits of the size of the mesh, whatever its unit. PLY and STL hold single precision, some
-    seven digits of the distance from the origin. STL loses the numbering.
+    OFF and OBJ keep sixteen digits of the largest coordinate, whatever its unit. PLY and STL hold
+    single precision, some seven digits of it. STL loses the numbering.
 
     Parameters
     ----------
@@ -165,15 +205,17 @@ def write_mesh(mesh: Mesh, path: str | Path) -> None:
         raise TypeError(f"A skfmap.Mesh is written; got {type(mesh).__name__}.")
     suffix = Path(path).suffix.lower()
     if suffix not in MESH_SUFFIXES:
-        raise ValueError(f"{path} has the suffix {suffix!r}; skfmap writes {', '.join(MESH_SUFFIXES)}.")
-    check_place(path)
+        raise ValueError(
+            f"{path} has the suffix {suffix!r}; skfmap writes {', '.join(MESH_SUFFIXES)}."
+        )
+    check_folder(path)
     import trimesh  # noqa: PLC0415
 
     if suffix in (".ply", ".stl"):
         _check_single_precision(mesh, path)
         options = {}
     else:
-        # The writer has a fixed number of decimals, not of digits.
+        # The writer takes a number of decimals, not of digits, of which a float has sixteen.
         largest = float(np.abs(mesh.vertices).max())
         options = {"digits": max(0, 16 - math.floor(math.log10(largest))) if largest > 0 else 0}
     trimesh.Trimesh(mesh.vertices, mesh.faces, process=False).export(path, **options)
@@ -184,61 +226,64 @@ def _check_single_precision(mesh: Mesh, path: str | Path) -> None:
         lost = np.abs(mesh.vertices.astype(np.float32).astype(np.float64) - mesh.vertices).max()
     if not lost <= _MOST_LOST * np.ptp(mesh.vertices, axis=0).max():
         raise ValueError(
-            f"{path} would hold {mesh!r} in single precision, which loses its shape: it is too large, too small, or "
-            "too far from the origin for its size. Write it as OFF, or move and scale it."
+            f"{path} would hold {mesh!r} in single precision, which loses its shape: it is too "
+            "large, too small, or too far from the origin for its size. Write it as OFF, or move "
+            "and scale it."
         )
 
 
-def as_mesh(item: Any, position: int | None = None) -> Mesh:
-    """Return a `Mesh` for whatever a user holds: a Mesh, a trimesh.Trimesh, a (vertices, faces) pair, or a path."""
+def as_mesh(item: MeshLike, index: int | None = None) -> Mesh:
+    """Return a `Mesh` for a Mesh, a trimesh.Trimesh, a (vertices, faces) pair or a path."""
     if isinstance(item, Mesh):
         return item
     if isinstance(item, (str, Path)):
         return read_mesh(item)
     if isinstance(item, SkippedShape):
-        place = "" if position is None else f"X[{position}], "
+        where = "" if index is None else f"X[{index}], "
         raise MeshError(
-            f"{place}{label(item.name, 'shape')} was left out before: {item.reason} Leave it out here too; "
-            "SpectralBasis(on_invalid='skip'), or 'repair', passes it on."
+            f"{where}{label(item.name, 'shape')} was left out before: {item.reason} Leave it out "
+            "here too; SpectralBasis(on_invalid='skip'), or 'repair', passes it on."
         )
-    name = None if position is None else f"shape {position}"
+    name = None if index is None else f"shape {index}"
     if _is_trimesh(item):
         return Mesh(item.vertices, item.faces, name=(item.metadata or {}).get("name") or name)
     if isinstance(item, (tuple, list)) and len(item) == 2:
-        return Mesh(item[0], item[1], name=name)
-    where = "" if position is None else f"X[{position}] is "
+        vertices, faces = cast("tuple[FloatArray, IntArray]", item)  # Mesh checks them
+        return Mesh(vertices, faces, name=name)
+    where = "" if index is None else f"X[{index}] is "
     raise TypeError(
-        f"{where}a {type(item).__name__}; a mesh is a skfmap.Mesh, a trimesh.Trimesh, a (vertices, faces) pair or "
-        "a path."
+        f"{where}a {type(item).__name__}; a mesh is a skfmap.Mesh, a trimesh.Trimesh, a "
+        "(vertices, faces) pair or a path."
     )
 
 
-def as_meshes(X: Any) -> list[Mesh]:
-    """Return the meshes of ``X``; one bare mesh, (vertices, faces) pair or path is a TypeError."""
+def as_meshes(X: Sequence[MeshLike]) -> list[Mesh]:
+    """Return the meshes of ``X``; raise for one bare mesh, (vertices, faces) pair or path."""
     return [as_mesh(item, i) for i, item in enumerate(check_meshes(X))]
 
 
-def check_meshes(X: Any) -> list[Any]:
-    """Return the items of ``X``, whatever they are; one bare mesh, (vertices, faces) pair or path is a TypeError."""
+def check_meshes(X: Sequence[MeshLike]) -> list[MeshLike]:
+    """Return the items of ``X``; raise for one bare mesh, (vertices, faces) pair or path."""
     if isinstance(X, (Mesh, str, Path)) or _is_trimesh(X) or _is_bare_pair(X):
         raise TypeError(
-            f"X must be a sequence of meshes, but it is one mesh ({type(X).__name__}); wrap it in a list: [X]."
+            f"X must be a sequence of meshes; got one mesh ({type(X).__name__}). Wrap it in a "
+            "list: [X]."
         )
     return list(check_samples(X, "meshes"))
 
 
-def named(item: Any, position: int) -> str | None:
+def named(item: MeshLike, index: int) -> str | None:
     """Return the name that `as_mesh` gives, without looking at the mesh."""
     if isinstance(item, (str, Path)):
         return Path(item).stem
     if isinstance(item, (Mesh, SkippedShape)):
         return item.name
     name = (item.metadata or {}).get("name") if _is_trimesh(item) else None
-    return name or f"shape {position}"
+    return name or f"shape {index}"
 
 
-def n_vertices_of(item: Any) -> int:
-    """Return how many vertices something has that is no sound mesh; 0 where that cannot be told."""
+def n_vertices_of(item: MeshLike) -> int:
+    """Return the number of vertices of a mesh, sound or not; 0 where it cannot be told."""
     if isinstance(item, SkippedShape):
         return item.n_vertices
     if isinstance(item, (str, Path)):
@@ -250,14 +295,17 @@ def n_vertices_of(item: Any) -> int:
     return len(vertices) if hasattr(vertices, "__len__") else 0
 
 
-def _is_trimesh(item: Any) -> bool:
-    """Tell a trimesh.Trimesh without importing trimesh, which takes a while: whoever has one has imported it."""
+def _is_trimesh(item: object) -> TypeGuard[TrimeshLike]:
+    """Return whether this is a trimesh.Trimesh, without importing trimesh, which takes a while.
+
+    Whoever has one has imported it.
+    """
     trimesh = sys.modules.get("trimesh")
     return trimesh is not None and isinstance(item, trimesh.Trimesh)
 
 
-def _is_bare_pair(X: Any) -> bool:
-    """Tell (vertices, faces) from a sequence of two meshes: its second item is a table of whole numbers."""
+def _is_bare_pair(X: object) -> bool:
+    """Return whether this is (vertices, faces), the second a table of whole numbers."""
     if not isinstance(X, Sequence) or isinstance(X, (str, bytes)) or len(X) != 2:
         return False
     if isinstance(X[0], (Mesh, str, Path)) or _is_trimesh(X[0]):
@@ -276,16 +324,17 @@ def _weld(vertices: FloatArray, faces: IntArray) -> tuple[FloatArray, IntArray]:
 
 
 def _without_comments(content: bytes) -> bytes:
-    """Return an OFF file without its comments, which the reader takes for data in places."""
+    """Return an OFF file without its comments, some of which the reader takes for data."""
     lines = (line.split(b"#", maxsplit=1)[0].strip() for line in content.splitlines())
     return b"\n".join(line for line in lines if line) + b"\n"
 
 
 def _plain_obj(content: bytes) -> bytes:
-    """Return the vertices and faces of an OBJ file alone, in a form that the reader does not misread.
+    """Return only the vertices and faces of an OBJ file, in a form that is not misread.
 
-    It stumbles over comments behind numbers and over corners that differ in form (``f 1//1 2/2 3``), and takes relative
-    numbers (-1 is the last vertex so far) for counted from the end of the file.
+    The reader stumbles over comments behind numbers and over corners that differ in form (``f 1//1
+    2/2 3``), and takes relative numbers (-1 is the last vertex so far) for counted from the end of
+    the file.
     """
     lines, n_vertices = [], 0
     for line in _CONTINUED.sub(b" ", content).splitlines():
@@ -302,48 +351,66 @@ def _plain_obj(content: bytes) -> bytes:
 
 
 def _absolute(word: bytes, n_vertices: int) -> bytes:
-    """Return the number of a vertex, counted from 1, where it was counted back from the last one so far."""
+    """Return the number of a vertex counted from 1, also of one that was counted from the end."""
     if not (word.startswith(b"-") and word[1:].isdigit()):
         return word
     back = int(word[1:])
     return b"%d" % max(0, n_vertices + 1 - back if back else 0)  # 0 is refused later
 
 
-def _check_counts(path: Path, stored: tuple[int, int] | None, n_vertices: int, n_faces: int) -> None:
+def _check_counts(
+    path: Path, stored: tuple[int, int] | None, n_vertices: int, n_faces: int
+) -> None:
     if stored is None:
         return
     if stored[1] == n_faces == 0:
         raise MeshError(
-            f"{path} holds {stored[0]} vertices and no faces: a cloud of points, or a file that was cut short."
+            f"{path} holds {stored[0]} vertices and no faces: a cloud of points, or a file that "
+            "was cut short."
         )
     if stored[0] != n_vertices:
         raise MeshError(
-            f"{path} stores {stored[0]} vertices, but {n_vertices} were read, so that correspondences would point at "
-            "the wrong ones. Export it again with positions and triangles only, for instance as OFF."
+            f"{path} stores {stored[0]} vertices, but {n_vertices} were read, so that "
+            "correspondences would point at the wrong ones. Export it again with positions and "
+            "triangles only, for instance as OFF."
         )
     if n_faces < stored[1]:
-        raise MeshError(f"{path} says that it holds {stored[1]} faces, but {n_faces} were read; the file is truncated.")
+        raise MeshError(
+            f"{path} says that it holds {stored[1]} faces, but {n_faces} were read; the file is "
+            "truncated."
+        )
 
 
-def _check_face_lines(path: Path, content: bytes, suffix: str, stored: tuple[int, int] | None) -> None:
-    """Raise where a face does not say what it should, which the reader takes for another face without a word."""
+def _check_face_lines(
+    path: Path, content: bytes, suffix: str, stored: tuple[int, int] | None
+) -> None:
+    """Raise for lines of faces that are wrong and that the reader accepts without a word."""
     if suffix == ".obj" and (zero := _ZERO_INDEX.search(content)):
-        raise MeshError(f"{path} has a face with vertex 0 ({zero[0].strip()[:60]!r}); OBJ files count from 1.")
+        raise MeshError(
+            f"{path} has a face with vertex 0 ({zero[0].strip()[:60]!r}); OBJ files count from 1."
+        )
     if suffix == ".off" and _has_more_lines(content, stored):
-        raise MeshError(f"{path} says that it holds {stored[1] if stored else 0} faces, but more lines follow.")
+        raise MeshError(
+            f"{path} says that it holds {stored[1] if stored else 0} faces, but more lines follow."
+        )
     for line in _lines_of_faces(content, suffix, stored):
         numbers = line.split()
         if not numbers or not numbers[0].isdigit():
             continue
         corners = numbers[1 : 1 + int(numbers[0])]
         if len(corners) < int(numbers[0]):
-            raise MeshError(f"{path} has a face that is cut short: {line[:60]!r} says {int(numbers[0])} vertices.")
+            raise MeshError(
+                f"{path} has a face that is cut short: {line[:60]!r} says {int(numbers[0])} "
+                "vertices."
+            )
         if not all(corner.lstrip(b"+-").isdigit() for corner in corners):
-            raise MeshError(f"{path} has a face whose vertices are no whole numbers: {line[:60]!r}.")
+            raise MeshError(
+                f"{path} has a face whose vertices are no whole numbers: {line[:60]!r}."
+            )
 
 
 def _has_more_lines(content: bytes, stored: tuple[int, int] | None) -> bool:
-    """Return whether an OFF file with a line for each vertex and face has more lines than it says."""
+    """Return whether an OFF file of one line for each vertex and face has lines beyond them."""
     if stored is None:
         return False
     lines = content.splitlines()
@@ -354,7 +421,7 @@ def _has_more_lines(content: bytes, stored: tuple[int, int] | None) -> bool:
 
 
 def _lines_of_faces(content: bytes, suffix: str, stored: tuple[int, int] | None) -> list[bytes]:
-    """Return the lines of a text file that begin with the number of vertices of a face, as far as that is plain."""
+    """Return the lines of a text file that hold its faces; none where they cannot be told."""
     if stored is None or suffix not in (".off", ".ply"):
         return []
     if suffix == ".off":
@@ -376,11 +443,18 @@ def _stored_counts(content: bytes, suffix: str) -> tuple[int, int] | None:
     if suffix == ".obj":
         return _count_lines(content, b"v"), _count_lines(content, b"f")
     if suffix == ".ply":
-        head = content[:65536]
-        vertices, faces = (re.search(rb"^element %s (\d+)" % kind, head, re.MULTILINE) for kind in (b"vertex", b"face"))
+        head = content[:_MOST_HEADER]
+        vertices, faces = (
+            re.search(rb"^element %s (\d+)" % kind, head, re.MULTILINE)
+            for kind in (b"vertex", b"face")
+        )
         return (int(vertices[1]), int(faces[1])) if vertices and faces else None
     numbers = content.lstrip().removeprefix(b"OFF").split(maxsplit=2)[:2]
-    return (int(numbers[0]), int(numbers[1])) if len(numbers) == 2 and b"".join(numbers).isdigit() else None
+    return (
+        (int(numbers[0]), int(numbers[1]))
+        if len(numbers) == 2 and b"".join(numbers).isdigit()
+        else None
+    )
 
 
 def _count_lines(content: bytes, keyword: bytes) -> int:

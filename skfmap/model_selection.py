@@ -15,8 +15,9 @@ __all__ = ["PinnedReference"]
 class PinnedReference(BaseCrossValidator):
     """Split all samples but the first, and open every training fold with the first.
 
-    Shapes that were skipped before (`skfmap.shapes.SkippedShape`) are in no fold. Scores of functional maps compare
-    only on one reference. ``PinnedReference(LeaveOneOut())`` is the paper's protocol.
+    Shapes that were skipped before (`skfmap.shapes.SkippedShape`) are in no fold. Scores of
+    functional maps compare only on one reference. ``PinnedReference(LeaveOneOut())`` is the paper's
+    protocol.
 
     Parameters
     ----------
@@ -37,7 +38,9 @@ class PinnedReference(BaseCrossValidator):
     def __init__(self, cv: Any = 5) -> None:
         self.cv = cv
 
-    def split(self, X: Sequence[Any], y: Any = None, groups: Any = None) -> Iterator[tuple[IntArray, IntArray]]:
+    def split(
+        self, X: Sequence[Any], y: Any = None, groups: Any = None
+    ) -> Iterator[tuple[IntArray, IntArray]]:
         """Yield training and test indices; sample 0 is in every training fold and in no test fold.
 
         Parameters
@@ -58,7 +61,9 @@ class PinnedReference(BaseCrossValidator):
         rest = self._places(samples)
         inner_y = None if answers is None else [answers[i] for i in rest.tolist()]
         inner_groups = None if groups is None else np.asarray(groups)[rest]
-        for train, test in self._inner().split([samples[i] for i in rest.tolist()], inner_y, inner_groups):
+        for train, test in self._inner().split(
+            [samples[i] for i in rest.tolist()], inner_y, inner_groups
+        ):
             yield np.concatenate([[0], rest[train]]), rest[test]
 
     def get_n_splits(self, X: Any = None, y: Any = None, groups: Any = None) -> int:
@@ -66,7 +71,9 @@ class PinnedReference(BaseCrossValidator):
         rest = None if X is None else self._places(list(X))
         inner = None if rest is None else rest.tolist()
         inner_y = None if y is None or rest is None else [list(y)[i] for i in rest.tolist()]
-        inner_groups = None if groups is None else np.asarray(groups)[slice(1, None) if rest is None else rest]
+        inner_groups = (
+            None if groups is None else np.asarray(groups)[slice(1, None) if rest is None else rest]
+        )
         return int(self._inner().get_n_splits(inner, inner_y, inner_groups))
 
     def _inner(self) -> Any:
@@ -76,11 +83,14 @@ class PinnedReference(BaseCrossValidator):
 
     @staticmethod
     def _places(X: Sequence[Any]) -> IntArray:
-        """Return the places of the samples that are split: neither the first nor those that were skipped."""
+        """Return the places of the samples that are split.
+
+        Neither the first nor those that were skipped.
+        """
         rest = [i for i in range(1, len(X)) if not isinstance(X[i], SkippedShape)]
         if len(rest) < 2:
             raise ValueError(
-                f"PinnedReference needs the reference and at least two more shapes, one to train on and one to test; "
-                f"got {len(rest) + min(1, len(X))}."
+                "PinnedReference needs the reference and at least two more shapes, one to train "
+                f"on and one to test; got {len(rest) + min(1, len(X))}."
             )
         return np.array(rest)

@@ -1,4 +1,7 @@
-"""Models in files: by skops, which looks at a file before anything in it runs; here, what it may hold."""
+"""Models in files, by skops, which looks at a file before anything in it runs.
+
+Here, what it may hold.
+"""
 
 import copy
 import io
@@ -12,7 +15,7 @@ from zipfile import ZIP_STORED, ZipFile
 import numpy as np
 import scipy.sparse as sp
 
-from skfmap._tools.validation import check_place
+from skfmap._tools.validation import check_folder
 from skfmap.exceptions import OutdatedModelError
 from skfmap.shapes import Correspondence, Mesh, ProbedShape, SpectralShape
 
@@ -49,27 +52,46 @@ TRUSTED_TYPES = (
     "skfmap._bridge.Across",
     "skfmap._confidence.ErrorModel",
     "skfmap._matching.Settings",
-    *(f"skfmap.descriptors.{name}" for name in ("DescriptorTransformer", "DiffusedCurvature", "FunctionProbes")),
-    *(f"skfmap.descriptors.{name}" for name in ("HeatKernelSignature", "MeshSaliency", "OrientedProducts")),
+    *(
+        f"skfmap.descriptors.{name}"
+        for name in ("DescriptorTransformer", "DiffusedCurvature", "FunctionProbes")
+    ),
+    *(
+        f"skfmap.descriptors.{name}"
+        for name in ("HeatKernelSignature", "MeshSaliency", "OrientedProducts")
+    ),
     "skfmap.descriptors.WaveKernelSignature",
     "skfmap.learner.WeightedFunctionalMapLearner",
-    *(f"skfmap.shapes.{name}" for name in ("Correspondence", "Mesh", "ProbedShape", "SpectralShape")),
+    *(
+        f"skfmap.shapes.{name}"
+        for name in ("Correspondence", "Mesh", "ProbedShape", "SpectralShape")
+    ),
 )
-"""What a model of this package is made of beside numbers, texts, containers, arrays and a scikit-learn pipeline."""
+"""What a model is made of beside numbers, texts, containers, arrays and a scikit-learn pipeline."""
 
 _PLAIN_TYPES = {
     *(f"builtins.{name}" for name in ("bool", "dict", "float", "int", "list", "str", "tuple")),
     *(f"numpy.{name}" for name in ("bool", "dtype", "float64", "int32", "int64", "ndarray")),
     "sklearn.pipeline.Pipeline",
 }
-# The ways of skops to make an object from a file. Those that call a function that the file names are not among them.
+# The ways of skops to make an object from a file. Those that call a function that the file names
+# are not among them.
 _PLAIN_LOADERS = {
-    *("CachedNode", "ConstructorFromReduceNode", "DTypeNode", "DictNode", "JsonNode", "ListNode", "NdArrayNode"),
+    *(
+        "CachedNode",
+        "ConstructorFromReduceNode",
+        "DTypeNode",
+        "DictNode",
+        "JsonNode",
+        "ListNode",
+        "NdArrayNode",
+    ),
     *("ObjectNode", "SparseMatrixNode", "TupleNode", "TypeNode"),
 }
 # Types that are made in one way only: by their own constructor, which checks what it is given.
 _LOADERS_OF = {
-    name: {"CachedNode", "ConstructorFromReduceNode"} for name in ("skfmap.shapes.mesh.Mesh", "skfmap.shapes.Mesh")
+    name: {"CachedNode", "ConstructorFromReduceNode"}
+    for name in ("skfmap.shapes.mesh.Mesh", "skfmap.shapes.Mesh")
 }
 # Arrays of objects are names of probe functions.
 _TEXT_LOADERS = {"CachedNode", "JsonNode", "ListNode", "TupleNode", "TypeNode"}
@@ -99,26 +121,28 @@ def save_model(model: Any, path: str | Path) -> None:
     skops = _skops()
     if not hasattr(model, "get_params"):
         raise TypeError(f"A learner, a pipeline or a transformer is saved; got {model!r}.")
-    check_place(path)
+    check_folder(path)
     model = copy.deepcopy(model)
     _set_memory(model, None)
     skops.dump(model, Path(path))
 
 
 def load_model(path: str | Path, *, trusted: Sequence[str] = (), memory: Any = None) -> Any:
-    """Read a model that `save_model` wrote; a file with anything but models in it is refused before it is loaded.
+    """Read a model that `save_model` wrote.
 
-    ``pickle`` and ``joblib.load`` run whatever code a file names; here only objects of known types are made, nothing is
-    called that the file names, and no other file is read: where the file names a cache (``memory``), which is read with
-    pickle, that is ignored.
+    A file with anything but models in it is refused before it is loaded.
+
+    ``pickle`` and ``joblib.load`` run whatever code a file names; here only objects of known types
+    are made, nothing is called that the file names, and no other file is read: where the file names
+    a cache (``memory``), which is read with pickle, that is ignored.
 
     Parameters
     ----------
     path : str or Path
         The file.
     trusted : sequence of str
-        Further types and functions that may be made, by their full name: your own probe families and functions, or
-        other estimators of scikit-learn.
+        Further types and functions that may be made, by their full name: your own probe families
+        and functions, or other estimators of scikit-learn.
     memory : None, str, Path or joblib.Memory
         Cache for all steps of the model.
 
@@ -138,8 +162,8 @@ def load_model(path: str | Path, *, trusted: Sequence[str] = (), memory: Any = N
     OutdatedModelError
         If an earlier release saved a model of a kind that must be fitted again.
     ValueError
-        If it is not a file of `save_model`, is damaged, or is compressed, so that a small file could fill the memory;
-        or if parts of the model do not fit each other.
+        If it is not a file of `save_model`, is damaged, or is compressed, so that a small file
+        could fill the memory; or if parts of the model do not fit each other.
 
     Warns
     -----
@@ -164,8 +188,9 @@ def load_model(path: str | Path, *, trusted: Sequence[str] = (), memory: Any = N
     content, allowed = path.read_bytes(), {*TRUSTED_TYPES, *trusted}
     try:
         strange = _strange_types(_schema(content), allowed, set(trusted))
-        # Two lists that agree: ours, of what a model is made of, and that of skops, of what is dangerous. Ours comes
-        # first: some loaders of some versions of skops import what a file names to find out what it is.
+        # Two lists that agree: ours, of what a model is made of, and that of skops, of what is
+        # dangerous. Ours comes first: some loaders of some versions of skops import what a file
+        # names to find out what it is.
         strange = strange or set(skops.get_untrusted_types(data=content)) - allowed
         model = None if strange else skops.loads(content, trusted=sorted(allowed))
         _check_parts(model)
@@ -173,13 +198,14 @@ def load_model(path: str | Path, *, trusted: Sequence[str] = (), memory: Any = N
         raise
     except Exception as error:
         raise ValueError(
-            f"{path} is no sound file of save_model: {type(error).__name__}: {error}. Was it written by joblib or "
-            "pickle, which load_model does not read, or cut short on its way?"
+            f"{path} is no sound file of save_model: {type(error).__name__}: {error}. Was it "
+            "written by joblib or pickle, which load_model does not read, or cut short on its way?"
         ) from error
     if strange:
         raise TypeError(
-            f"{path} holds types that are no part of a model of skfmap: {', '.join(sorted(strange))}. If you know all "
-            "of them and trust whoever made the file, load it with trusted=[...] naming them."
+            f"{path} holds types that are no part of a model of skfmap: "
+            f"{', '.join(sorted(strange))}. If you know all of them and trust whoever made the "
+            "file, load it with trusted=[...] naming them."
         )
     _set_memory(model, memory)
     return model
@@ -201,16 +227,22 @@ def _schema(content: bytes) -> Any:
 
 
 def _strange_types(schema: Any, allowed: set[str], trusted: set[str]) -> set[str]:
-    """Return the full names of all types in a file that no model has, or that are made as no part of one is."""
+    """Return the full names of types that no model has, or that none is made with."""
     strange = set()
     for node in _nodes(schema):
         name = _full_name(node)
         known = name in _PLAIN_TYPES or name in allowed
-        usual = node["__loader__"] in _PLAIN_LOADERS and node["__loader__"] in _LOADERS_OF.get(name, _PLAIN_LOADERS)
+        usual = node["__loader__"] in _PLAIN_LOADERS and node["__loader__"] in _LOADERS_OF.get(
+            name, _PLAIN_LOADERS
+        )
         if not known or not (usual or name in trusted):
             strange.add(name)
         if node["__loader__"] == "NdArrayNode" and node.get("type") != "numpy":
-            strange |= {_full_name(one) for one in _nodes(node["content"]) if one["__loader__"] not in _TEXT_LOADERS}
+            strange |= {
+                _full_name(one)
+                for one in _nodes(node["content"])
+                if one["__loader__"] not in _TEXT_LOADERS
+            }
     return strange
 
 
@@ -251,14 +283,17 @@ def _set_memory(model: Any, memory: Any) -> None:
 
 
 def _check_parts(model: Any) -> None:
-    """Raise where compiled code would trust what a file says: indices of sparse arrays, sizes that do not agree."""
+    """Raise where compiled code would trust what a file says.
+
+    Indices of sparse arrays, sizes that do not agree.
+    """
     for part in list(_parts(model, {})):
         if is_dataclass(part) and not isinstance(part, type):
             _forget_what_is_derived(part)
         if isinstance(part, (Correspondence, Mesh)):
             replace(part)  # is checked as a new one is
         elif sp.issparse(part):
-            part.check_format(full_check=True)
+            part.check_format(full_check=True)  # type: ignore[attr-defined]
         elif isinstance(part, SpectralShape):
             n, k = part.mesh.n_vertices, len(part.evals)
             _check_sizes(part.evecs, (n, k), "eigenfunctions")
@@ -276,12 +311,16 @@ def _forget_what_is_derived(part: Any) -> None:
 
 def _check_sizes(array: Any, shape: tuple[int, ...], what: str) -> None:
     if array.shape != shape or not np.issubdtype(array.dtype, np.floating):
-        raise ValueError(f"the {what} have shape {array.shape} and dtype {array.dtype}, not {shape} and floats")
+        raise ValueError(
+            f"the {what} have shape {array.shape} and dtype {array.dtype}, not {shape} and floats"
+        )
 
 
 def _skops() -> Any:
     try:
         import skops.io  # noqa: PLC0415
     except ImportError as error:
-        raise ImportError("Files that are safe to load need skops: pip install 'skfmap[skops]'.") from error
+        raise ImportError(
+            "Files that are safe to load need skops: pip install 'skfmap[skops]'."
+        ) from error
     return skops.io

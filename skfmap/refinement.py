@@ -1,17 +1,17 @@
 """From a functional map to points, and how such matches are refined: parts that can be exchanged.
 
-A refinement is an object with one method, `Refinement.refine`; the learner's ``refine`` takes one of those here, a word
-for it, or one of your own.
+A refinement is an object with one method, `Refinement.refine`; the learner's ``refine`` takes one
+of those here, a word for it, or one of your own.
 """
 
 from abc import ABC, abstractmethod
 from collections.abc import Iterator
-from typing import Any, NamedTuple, Protocol, Self
+from typing import NamedTuple, Protocol
 
 import numpy as np
-from sklearn.base import BaseEstimator
 from sklearn.neighbors import NearestNeighbors
 
+from skfmap._tools.part import Part
 from skfmap._tools.types import FloatArray, IntArray
 from skfmap._tools.validation import check_number
 from skfmap.functional.embedding import spectral_embeddings
@@ -21,6 +21,7 @@ from skfmap.shapes import ProbedShape, SpectralShape
 
 __all__ = [
     "ICP",
+    "REFINEMENTS",
     "BijectiveZoomOut",
     "Learned",
     "PointMatch",
@@ -30,8 +31,8 @@ __all__ = [
     "rematch_points",
 ]
 
-# Share of a squared length within which squared distances are equal: what different kernels of the linear algebra leave
-# on bodies of 5,000 vertices is a hundredth of it.
+# Share of a squared length within which squared distances are equal: what different kernels of the
+# linear algebra leave on bodies of 5,000 vertices is a hundredth of it.
 _ROUNDING = 1e-9
 
 
@@ -61,8 +62,9 @@ class PointMatch(NamedTuple):
 class Learned(Protocol):
     """What a refinement is told of what was learned: a learner's ``matcher_``.
 
-    ``reference`` is S_0; ``stable_basis`` Y, shape (k, k); the covariances say how far maps put the points of training
-    shapes from where they belong: learned ones in k functions, known ones in all that `SpectralBasis` holds.
+    ``reference`` is S_0; ``stable_basis`` Y, shape (k, k); the covariances say how far maps put the
+    points of training shapes from where they belong: learned ones in k functions, known ones in all
+    that `SpectralBasis` holds.
     """
 
     @property
@@ -78,7 +80,7 @@ class Learned(Protocol):
 def match_points(
     spectral: SpectralShape, spectral_0: SpectralShape, C: FloatArray, functions: FloatArray
 ) -> PointMatch:
-    """Match points by nearest neighbours among functions of S_0 and their images under a learned map.
+    """Match points by nearest neighbours in functions that a learned map carries over.
 
     Parameters
     ----------
@@ -98,7 +100,11 @@ def match_points(
 
 
 def rematch_points(
-    match: PointMatch, spectral: SpectralShape, spectral_0: SpectralShape, C: FloatArray, functions: FloatArray
+    match: PointMatch,
+    spectral: SpectralShape,
+    spectral_0: SpectralShape,
+    C: FloatArray,
+    functions: FloatArray,
 ) -> PointMatch:
     """Match the points anew, under a map that a refinement found.
 
@@ -125,12 +131,17 @@ def _nearest_both(
     spectral: SpectralShape, spectral_0: SpectralShape, C: FloatArray, functions: FloatArray
 ) -> tuple[FloatArray, FloatArray, IntArray, IntArray]:
     n = len(C)
-    points_i, points_0 = spectral_embeddings(spectral.evecs[:, :n], spectral_0.evecs[:, :n], C, functions)
+    points_i, points_0 = spectral_embeddings(
+        spectral.evecs[:, :n], spectral_0.evecs[:, :n], C, functions
+    )
     return points_i, points_0, nearest(points_i, points_0), nearest(points_0, points_i)
 
 
 def nearest(points: FloatArray, targets: FloatArray) -> IntArray:
-    """Return the nearest target of each point; the first of those that are as near but for rounding."""
+    """Return the nearest target of each point.
+
+    The first of those that are as near but for rounding.
+    """
     neighbours = NearestNeighbors(n_neighbors=min(2, len(targets)), algorithm="brute").fit(targets)
     distances, found = neighbours.kneighbors(points)
     # Squared distances that come from a matrix product are off by rounding of this size.
@@ -142,11 +153,12 @@ def nearest(points: FloatArray, targets: FloatArray) -> IntArray:
     return first
 
 
-class Refinement(BaseEstimator, ABC):
+class Refinement(Part, ABC):
     """A way to refine matches; derive from it to write your own.
 
-    Store parameters in ``__init__``, and implement `refine`. Where a refinement has something to learn from the
-    training shapes, override `fit`: it is called once, and once more for each fold of the calibration.
+    Store parameters in ``__init__``, and implement `refine`. Where it has something to learn from
+    the training shapes, override `fit`: it is called once for all of them, and once more for each
+    fold of the calibration.
 
     Examples
     --------
@@ -155,33 +167,12 @@ class Refinement(BaseEstimator, ABC):
     >>> class AllAlike(Refinement):
     ...     "Match in all k functions alike."
     ...     def refine(self, learned, spectral, match):
-    ...         C = match.learned_map
-    ...         return rematch_points(match, spectral, learned.reference.spectral, C, np.eye(len(C)))
+    ...         C, spectral_0 = match.learned_map, learned.reference.spectral
+    ...         return rematch_points(match, spectral, spectral_0, C, np.eye(len(C)))
     >>> import skfmap
     >>> skfmap.WeightedFunctionalMapLearner(refine=AllAlike())
     WeightedFunctionalMapLearner(refine=AllAlike())
     """
-
-    def fit(self, training: Any, matcher: Learned) -> Self:  # noqa: ARG002
-        """Learn from training shapes what the refinement needs; nothing here.
-
-        Parameters
-        ----------
-        training : TrainingSet
-            Training shapes and their known maps.
-        matcher : Learned
-            What was learned from them.
-
-        Returns
-        -------
-        Refinement
-            Itself.
-        """
-        self.check_parameters()
-        return self
-
-    def check_parameters(self) -> None:
-        """Raise ValueError or TypeError for a parameter that cannot be used; none here."""
 
     @abstractmethod
     def refine(self, learned: Learned, spectral: SpectralShape, match: PointMatch) -> PointMatch:
@@ -204,7 +195,9 @@ class Refinement(BaseEstimator, ABC):
 
 
 class ICP(Refinement):
-    """Match by orthogonal maps of k functions, fitted to the points before (Ovsjanikov et al. 2012).
+    """Match by orthogonal maps of k functions (Ovsjanikov et al. 2012).
+
+    Each is fitted to the points before.
 
     Parameters
     ----------
@@ -257,10 +250,12 @@ class ZoomOut(Refinement):
 
 
 class BijectiveZoomOut(Refinement):
-    """Fit maps of growing size to the point maps of both directions, and match in functions weighted as learned.
+    """Fit maps of growing size to the point maps of both directions.
 
-    Without the learned weights the steps favour maps that are as isometric as can be, and drift away even from the
-    truth.
+    Points are matched in functions weighted as learned.
+
+    Without the learned weights the steps favour maps that are as isometric as can be, and drift
+    away even from the truth.
 
     Parameters
     ----------
@@ -298,15 +293,30 @@ class BijectiveZoomOut(Refinement):
         return match
 
 
+REFINEMENTS: dict[str, type[Refinement]] = {
+    "icp": ICP,
+    "zoomout": ZoomOut,
+    "bijective-zoomout": BijectiveZoomOut,
+}
+"""What the learner's words stand for."""
+
+
 def _sizes(learned: Learned, spectral: SpectralShape, step: int) -> Iterator[int]:
-    """Yield the sizes of the maps, from that of the learned one to the resolution that both bases hold."""
-    k, most = len(learned.stable_basis), min(spectral.n_components, len(learned.truncation_covariance))
+    """Yield the sizes of the maps, from the learned one's to all that both bases hold."""
+    k, most = (
+        len(learned.stable_basis),
+        min(spectral.n_components, len(learned.truncation_covariance)),
+    )
     yield from range(k, most, step)
     yield most
 
 
 def _fit(
-    spectral: SpectralShape, spectral_0: SpectralShape, n: int, p2p: IntArray, inverse: IntArray | None
+    spectral: SpectralShape,
+    spectral_0: SpectralShape,
+    n: int,
+    p2p: IntArray,
+    inverse: IntArray | None,
 ) -> FloatArray:
     return map_from_point_maps(
         spectral.evecs[:, :n], spectral_0.evecs[:, :n], spectral.mass, spectral_0.mass, p2p, inverse

@@ -11,13 +11,23 @@ from scipy.spatial.transform import Rotation
 from sklearn.pipeline import Pipeline
 from threadpoolctl import threadpool_limits
 
-from skfmap import Correspondence, DescriptorTransformer, Mesh, SpectralBasis, WeightedFunctionalMapLearner
+from skfmap import (
+    Correspondence,
+    DescriptorTransformer,
+    Mesh,
+    SpectralBasis,
+    WeightedFunctionalMapLearner,
+)
 
 # The same random cases in every run, on every machine; others each time in a longer campaign.
-hypothesis.settings.register_profile("skfmap", derandomize=os.environ.get("SKFMAP_EXAMPLES", "1") == "1", deadline=None)
+hypothesis.settings.register_profile(
+    "skfmap", derandomize=os.environ.get("SKFMAP_EXAMPLES", "1") == "1", deadline=None
+)
 hypothesis.settings.load_profile("skfmap")
 
-_CENTRES = np.array([[1, 0.2, 0.1], [-1, 0.5, 0.2], [0.1, 1, -0.3], [0.3, -0.6, 1], [-0.4, -0.6, -0.8]])
+_CENTRES = np.array(
+    [[1, 0.2, 0.1], [-1, 0.5, 0.2], [0.1, 1, -0.3], [0.3, -0.6, 1], [-0.4, -0.6, -0.8]]
+)
 _HEIGHTS = np.array([1.2, 0.8, 0.6, 1.0, 0.5])
 _SHARPNESS = np.array([8.0, 10.0, 14.0, 10.0, 12.0])
 _MIRROR = np.array([1.0, -1.0, 1.0])
@@ -38,7 +48,7 @@ def _directions(n_vertices, seed):
 
 
 def _body(directions, bend, symmetric):
-    """Return the points of a star-shaped body in the given directions, twisted about its long axis."""
+    """Return points of a star-shaped body in the given directions, twisted about its long axis."""
     centres = np.concatenate([_CENTRES[:4], _CENTRES[:4] * _MIRROR]) if symmetric else _CENTRES
     heights = np.tile(_HEIGHTS[:4], 2) if symmetric else _HEIGHTS
     sharpness = np.tile(_SHARPNESS[:4], 2) if symmetric else _SHARPNESS
@@ -48,7 +58,9 @@ def _body(directions, bend, symmetric):
     if symmetric:  # bend up and down, which keeps the mirror plane y = 0
         return np.column_stack([x, y, z + bend * x**2])
     angle = bend * x
-    return np.column_stack([x, y * np.cos(angle) - z * np.sin(angle), y * np.sin(angle) + z * np.cos(angle)])
+    return np.column_stack(
+        [x, y * np.cos(angle) - z * np.sin(angle), y * np.sin(angle) + z * np.cos(angle)]
+    )
 
 
 def _collection(poses, symmetric):
@@ -69,9 +81,10 @@ def _probed(meshes, families=None):
 
 @pytest.fixture(scope="session", autouse=True)
 def _one_thread():
-    """Keep OpenMP from waiting for cores that other processes hold: fifty times as slow on shapes of this size."""
+    """Keep OpenMP from waiting for cores that others hold: fifty times as slow on small shapes."""
     with threadpool_limits(limits=1), pytest.MonkeyPatch.context() as patch:
-        for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):  # of the processes that tests start
+        # Of the processes that tests start.
+        for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
             patch.setenv(variable, "1")
         yield
 
@@ -79,7 +92,10 @@ def _one_thread():
 @pytest.fixture(scope="session")
 def collection():
     """Six bodies of unequal connectivity, twisted by unequal amounts, without symmetry."""
-    return _collection([(500, 0.0), (420, 0.1), (560, -0.1), (460, 0.15), (620, -0.15), (380, 0.05)], symmetric=False)
+    return _collection(
+        [(500, 0.0), (420, 0.1), (560, -0.1), (460, 0.15), (620, -0.15), (380, 0.05)],
+        symmetric=False,
+    )
 
 
 @pytest.fixture(scope="session")
@@ -116,7 +132,8 @@ def probe():
 def make_learner(tmp_path_factory):
     """Return a function that makes a learner that is fitted in a tenth of a second.
 
-    What does not depend on weights, as distances on the reference, is computed once in a session (memory=None: anew).
+    What does not depend on weights, as distances on the reference, is computed once in a session
+    (memory=None: anew).
     """
     given = {"n_functions": 12, "tol": 1e-3, "memory": str(tmp_path_factory.mktemp("learners"))}
     return lambda **parameters: WeightedFunctionalMapLearner(**{**given, **parameters})
@@ -140,13 +157,17 @@ def make_model(make_learner):
 
 @pytest.fixture(scope="session")
 def model(collection, make_model):
-    """Return a pipeline fitted on all bodies but the last. Do not fit it again or set its parameters."""
-    return make_model().set_params(learner__memory=None).fit(collection.meshes[:5], collection.truths[:5])
+    """Return a pipeline fitted on all bodies but the last; do not fit it again or change it."""
+    return (
+        make_model()
+        .set_params(learner__memory=None)
+        .fit(collection.meshes[:5], collection.truths[:5])
+    )
 
 
 @pytest.fixture(scope="session")
 def fitted(make_learner, probed, collection):
-    """Return a learner fitted on all bodies but the last. Do not fit it again or set its parameters."""
+    """Return a learner fitted on all bodies but the last; do not fit it again or change it."""
     return make_learner(memory=None).fit(probed[:5], collection.truths[:5])
 
 

@@ -1,4 +1,4 @@
-"""What users get wrong: an error or a warning that names the shape and the remedy, never a wrong answer."""
+"""What users get wrong is answered by the name of the shape and the remedy, never wrongly."""
 
 import numpy as np
 import pytest
@@ -26,7 +26,9 @@ def changed(truths, index, truth):
 
 def test_an_unreferenced_vertex_is_named(body):
     loose = Mesh(np.concatenate([body.vertices, [[0.0, 0, 0]]]), body.faces, name="the cat")
-    with pytest.raises(MeshError, match=f"'the cat' has 1 vertices.*first is vertex {body.n_vertices}"):
+    with pytest.raises(
+        MeshError, match=f"'the cat' has 1 vertices.*first is vertex {body.n_vertices}"
+    ):
         SpectralBasis(10).transform([body, loose])
 
 
@@ -87,19 +89,25 @@ def test_two_components_are_refused(body):
     faces = np.concatenate([body.faces, body.faces + body.n_vertices])
     for laplacian in ("cotangent", "robust"):
         with pytest.raises(MeshError, match="'the cat' has 2 connected components"):
-            SpectralBasis(10, laplacian=laplacian).transform([Mesh(vertices, faces, name="the cat")])
+            SpectralBasis(10, laplacian=laplacian).transform(
+                [Mesh(vertices, faces, name="the cat")]
+            )
 
 
 def test_too_few_vertices_for_the_basis(tetrahedron):
     mesh = Mesh(*tetrahedron, name="the cat")
     for n_components in (4, 5, 120):
-        with pytest.raises(MeshError, match=f"'the cat' has 4 vertices.*n_components={n_components}"):
+        with pytest.raises(
+            MeshError, match=f"'the cat' has 4 vertices.*n_components={n_components}"
+        ):
             SpectralBasis(n_components).transform([mesh])
 
 
 def test_the_largest_basis_that_fits(tetrahedron):
     (shape,) = SpectralBasis(3).transform([Mesh(*tetrahedron)])
-    np.testing.assert_allclose(shape.evecs.T @ (shape.mass[:, None] * shape.evecs), np.eye(3), atol=1e-8)
+    np.testing.assert_allclose(
+        shape.evecs.T @ (shape.mass[:, None] * shape.evecs), np.eye(3), atol=1e-8
+    )
 
 
 @pytest.mark.parametrize("X", [[], ()])
@@ -148,14 +156,18 @@ def p2p_of(fitted, probe, mesh):
     return fitted.match(probe([mesh]))[0].p2p
 
 
-def test_inconsistently_wound_faces_are_mended_and_vertices_keep_their_numbers(fitted, probe, probed, collection):
+def test_inconsistently_wound_faces_are_mended_and_vertices_keep_their_numbers(
+    fitted, probe, probed, collection
+):
     mesh = collection.meshes[5]
     faces = mesh.faces.copy()
     flipped = np.random.default_rng(0).random(len(faces)) < 0.5
     faces[flipped] = faces[flipped][:, ::-1]
     (shape,) = probe([Mesh(mesh.vertices, faces)])
     np.testing.assert_array_equal(shape.spectral.mesh.vertices, mesh.vertices)
-    np.testing.assert_array_equal(np.sort(shape.spectral.mesh.faces, axis=1), np.sort(mesh.faces, axis=1))
+    np.testing.assert_array_equal(
+        np.sort(shape.spectral.mesh.faces, axis=1), np.sort(mesh.faces, axis=1)
+    )
     assert shape.spectral.oriented
     agreement = (fitted.match([shape])[0].p2p == fitted.match(probed[5:])[0].p2p).mean()
     assert agreement > 0.99
@@ -167,7 +179,9 @@ def test_an_inside_out_copy_matches_as_the_outward_one(fitted, probe, probed, co
     assert (inside_out == fitted.match(probed[5:])[0].p2p).mean() > 0.99
 
 
-def test_a_reference_that_is_inside_out_teaches_the_same(fitted, probe, make_learner, probed, collection):
+def test_a_reference_that_is_inside_out_teaches_the_same(
+    fitted, probe, make_learner, probed, collection
+):
     mesh = collection.meshes[0]
     turned = probe([Mesh(mesh.vertices, mesh.faces[:, ::-1], name="turned")])
     other = make_learner().fit([*turned, *probed[1:5]], collection.truths[:5])
@@ -192,7 +206,9 @@ def test_there_is_one_correspondence_for_each_shape(make_learner, probed, collec
 @pytest.mark.parametrize("wrong", ["one", "none", "table"])
 def test_messages_about_y_say_y(make_learner, probed, collection, wrong):
     pairs = collection.truths[0].pairs
-    y = {"one": collection.truths[0], "none": [], "table": np.stack([pairs] * 6).astype(float)}[wrong]
+    y = {"one": collection.truths[0], "none": [], "table": np.stack([pairs] * 6).astype(float)}[
+        wrong
+    ]
     with pytest.raises((TypeError, ValueError), match=r"^y"):
         make_learner().fit(probed, y)
 
@@ -201,23 +217,33 @@ def test_correspondences_out_of_range_name_the_shape(make_learner, probed, colle
     pairs = collection.truths[2].pairs.copy()
     n_vertices = collection.meshes[2].n_vertices
     pairs[3, 0] = n_vertices
-    message = fails(make_learner, probed, changed(collection.truths, 2, pairs), f"vertex {n_vertices}")
+    message = fails(
+        make_learner, probed, changed(collection.truths, 2, pairs), f"vertex {n_vertices}"
+    )
     assert "y[2]" in message
     assert "'body2'" in message
     symmetric = Correspondence(collection.truths[2].pairs, pairs)
-    fails(make_learner, probed, changed(collection.truths, 2, symmetric), "symmetric pairs.*'body2'")
+    fails(
+        make_learner, probed, changed(collection.truths, 2, symmetric), "symmetric pairs.*'body2'"
+    )
 
 
-def test_one_dimensional_correspondences_are_refused_by_place_and_name(make_learner, probed, collection):
+def test_one_dimensional_correspondences_are_refused_by_place_and_name(
+    make_learner, probed, collection
+):
     column = collection.truths[2].pairs[:, 0]
-    message = fails(make_learner, probed, changed(collection.truths, 2, column), "from_vertices", TypeError)
+    message = fails(
+        make_learner, probed, changed(collection.truths, 2, column), "from_vertices", TypeError
+    )
     assert "from_template" in message
     assert "'body2'" in message
 
 
 def test_float_pairs_are_refused_by_name(make_learner, probed, collection):
     pairs = collection.truths[2].pairs.astype(float)
-    fails(make_learner, probed, changed(collection.truths, 2, pairs), "'body2'.*integers", TypeError)
+    fails(
+        make_learner, probed, changed(collection.truths, 2, pairs), "'body2'.*integers", TypeError
+    )
 
 
 def test_empty_correspondences_are_refused_by_name(make_learner, probed, collection):
@@ -227,7 +253,9 @@ def test_empty_correspondences_are_refused_by_name(make_learner, probed, collect
 
 def test_an_empty_join_names_both_shapes(make_learner, probed, collection):
     elsewhere = Correspondence(collection.truths[2].pairs + np.array([0, 1000]))
-    message = fails(make_learner, probed, changed(collection.truths, 2, elsewhere), "share no template point")
+    message = fails(
+        make_learner, probed, changed(collection.truths, 2, elsewhere), "share no template point"
+    )
     assert "'body2'" in message
     assert "'body0'" in message
 
@@ -247,14 +275,18 @@ def test_a_partial_correspondence_warns_and_is_used(make_learner, probed, collec
     truth = collection.truths[2]
     left = collection.meshes[2].vertices[truth.pairs[:, 0], 0] < 0
     partial = Correspondence(truth.pairs[left])
-    with pytest.warns(CoverageWarning, match=r"fewer than the 12 functions asked for: X\[2\] \('body2'\) 8\."):
+    with pytest.warns(
+        CoverageWarning, match=r"fewer than the 12 functions asked for: X\[2\] \('body2'\) 8\."
+    ):
         learner = make_learner().fit(probed[:5], changed(collection.truths[:5], 2, partial))
     assert learner.score(probed[5:], collection.truths[5:]) > -0.1
 
 
 def test_sparse_well_spread_landmarks_do_not_warn(make_learner, probed, collection):
     points = np.arange(0, 300, 4)
-    learner = make_learner().fit(probed[:5], [truth.restrict(points) for truth in collection.truths[:5]])
+    learner = make_learner().fit(
+        probed[:5], [truth.restrict(points) for truth in collection.truths[:5]]
+    )
     assert learner.score(probed[5:], collection.truths[5:]) > -0.1
 
 
@@ -264,7 +296,9 @@ def test_weights_that_are_all_zero_are_refused(make_learner, probed, collection)
     fails(make_learner, probed, changed(collection.truths, 2, nil), "body2")
 
 
-def test_mirrored_and_plain_answers_do_not_mix(make_learner, symmetric_probed, symmetric_collection):
+def test_mirrored_and_plain_answers_do_not_mix(
+    make_learner, symmetric_probed, symmetric_collection
+):
     """Symmetric pairs are for metrics: fits with and without them are the same."""
     truths = symmetric_collection.truths
     bare = [Correspondence(truth.pairs) for truth in truths]
@@ -282,14 +316,18 @@ def test_shapes_of_different_probes_are_refused(make_learner, probe, probed, col
 
 
 def test_new_shapes_of_different_probes_are_refused_by_name(fitted, probe, collection):
-    with pytest.raises(ValueError, match=r"other probe functions.*one DescriptorTransformer") as error:
+    with pytest.raises(
+        ValueError, match=r"other probe functions.*one DescriptorTransformer"
+    ) as error:
         fitted.predict(probe(collection.meshes[2:3], "paper"))
     assert "body2" in str(error.value)
 
 
 def test_too_small_a_basis_is_refused_by_name(make_learner, fitted, probed, collection):
     shape = probed[2]
-    small = ProbedShape(shape.spectral.truncate(11), shape.probes[:11], shape.probe_names, shape.probe_categories)
+    small = ProbedShape(
+        shape.spectral.truncate(11), shape.probes[:11], shape.probe_names, shape.probe_categories
+    )
     message = "'body2'.* has 11 eigenfunctions, fewer than n_functions=12"
     with pytest.raises(ValueError, match=message):
         make_learner().fit([*probed[:2], small, *probed[3:]], collection.truths)
@@ -299,7 +337,9 @@ def test_too_small_a_basis_is_refused_by_name(make_learner, fitted, probed, coll
 
 def test_bases_of_unequal_size_are_cut_to_k(fitted, probed):
     shape = probed[5]
-    small = ProbedShape(shape.spectral.truncate(20), shape.probes[:20], shape.probe_names, shape.probe_categories)
+    small = ProbedShape(
+        shape.spectral.truncate(20), shape.probes[:20], shape.probe_names, shape.probe_categories
+    )
     np.testing.assert_array_equal(fitted.predict([small]), fitted.predict([shape]))
 
 
@@ -322,7 +362,7 @@ def test_two_shapes_are_enough(make_learner, probed, collection):
 
 
 def test_a_copy_of_the_reference_teaches_nothing_wrong(make_learner, probed, collection):
-    """Every map is then reproduced exactly: the rule for epsilon and the row systems would be singular."""
+    """All maps are then exact: the rule for epsilon and the row systems would be singular."""
     learner = make_learner().fit([probed[0], probed[0]], [collection.truths[0]] * 2)
     assert np.isfinite(learner.weights_).all()
     assert (learner.match(probed[:1])[0].p2p == np.arange(500)).all()
@@ -371,7 +411,9 @@ def test_bad_sample_weights_are_refused(make_learner, probed, collection, weight
         ({"n_stable": "half"}, TypeError),
     ],
 )
-def test_bad_parameters_are_refused_at_fit_and_not_before(make_learner, probed, collection, parameters, error):
+def test_bad_parameters_are_refused_at_fit_and_not_before(
+    make_learner, probed, collection, parameters, error
+):
     learner = make_learner(**parameters)
     with pytest.raises(error, match=next(iter(parameters))):
         learner.fit(probed, collection.truths)
@@ -442,7 +484,9 @@ def test_the_pipeline_says_the_same_as_its_steps(make_learner, collection):
 
 def test_labels_of_parts_are_too_few_for_k(make_learner, probed, collection):
     # Five parts of many vertices each: thousands of pairs, five places.
-    parts = [Correspondence.from_vertices(np.arange(mesh.n_vertices) % 5) for mesh in collection.meshes]
+    parts = [
+        Correspondence.from_vertices(np.arange(mesh.n_vertices) % 5) for mesh in collection.meshes
+    ]
     with pytest.raises(CorrespondenceError, match="share 5 distinct landmarks"):
         make_learner().fit(probed, parts)
 
@@ -463,14 +507,16 @@ def test_pairs_of_no_weight_change_nothing(make_learner, probed, collection):
 
 def test_probes_of_other_parameters_are_told_apart(fitted, collection, probe):
     families = [
-        (n, f.set_params(sigma=0.9) if isinstance(f, WaveKernelSignature) else f) for n, f in default_families()
+        (n, f.set_params(sigma=0.9) if isinstance(f, WaveKernelSignature) else f)
+        for n, f in default_families()
     ]
     with pytest.raises(ValueError, match=r"made with other parameters.*sigma"):
         fitted.predict(probe(collection.meshes[5:], families))
 
 
 @pytest.mark.parametrize(
-    ("p2p", "error"), [(np.zeros(3, int), ValueError), (np.full(380, -1), ValueError), (np.zeros(380), TypeError)]
+    ("p2p", "error"),
+    [(np.zeros(3, int), ValueError), (np.full(380, -1), ValueError), (np.zeros(380), TypeError)],
 )
 def test_point_maps_are_checked_before_they_are_scored(p2p, error, collection):
     distances = GeodesicDistances(collection.meshes[0])
@@ -480,15 +526,22 @@ def test_point_maps_are_checked_before_they_are_scored(p2p, error, collection):
 
 def test_a_correspondence_made_for_another_number_of_vertices_is_refused(fitted, probed):
     wrong = Correspondence.from_vertices(np.arange(100))
-    with pytest.raises(CorrespondenceError, match=r"made for 100 vertices, but the shape has 380.*from_template"):
+    with pytest.raises(
+        CorrespondenceError, match=r"made for 100 vertices, but the shape has 380.*from_template"
+    ):
         fitted.score(probed[5:], [wrong])
 
 
 def test_the_half_that_was_not_fitted_can_be_scored(make_learner, probed, collection):
-    fit, held_out = ([truth.restrict(np.arange(first, 300, 2)) for truth in collection.truths] for first in (0, 1))
+    fit, held_out = (
+        [truth.restrict(np.arange(first, 300, 2)) for truth in collection.truths]
+        for first in (0, 1)
+    )
     learner = make_learner().fit(probed[:5], fit[:5])
     score = learner.score(probed[5:], held_out[5:], reference_y=held_out[0])
-    assert score == get_scorer("neg_geodesic_error", reference_y=held_out[0])(learner, probed[5:], held_out[5:])
+    assert score == get_scorer("neg_geodesic_error", reference_y=held_out[0])(
+        learner, probed[5:], held_out[5:]
+    )
     assert -0.2 < score < 0
     with pytest.raises(CorrespondenceError, match="share no template point"):
         learner.score(probed[5:], held_out[5:])
@@ -508,10 +561,16 @@ def test_wrong_pairs_are_left_out_with_a_warning(make_learner, probed, collectio
     swapped = rng.choice(len(pairs), len(pairs) // 10, replace=False)
     pairs[swapped, 0] = rng.permutation(pairs[swapped, 0])
     truths[1] = Correspondence(pairs)
-    with pytest.warns(CoverageWarning, match=r"pairs of X\[1\] \('body1'\) lie far from where a smooth map puts them"):
+    with pytest.warns(
+        CoverageWarning,
+        match=r"pairs of X\[1\] \('body1'\) lie far from where a smooth map puts them",
+    ):
         noisy = make_learner(weighting=None).fit(probed[:4], truths)
     clean = make_learner(weighting=None).fit(probed[:4], collection.truths[:4])
-    errors = [learner.pair_errors(probed[5:], collection.truths[5:])[0].mean() for learner in (noisy, clean)]
+    errors = [
+        learner.pair_errors(probed[5:], collection.truths[5:])[0].mean()
+        for learner in (noisy, clean)
+    ]
     assert errors[0] < 1.1 * errors[1]
 
 

@@ -4,6 +4,7 @@ import pickle
 
 import numpy as np
 import pytest
+from matplotlib import pyplot as plt
 from sklearn.base import clone
 
 import skfmap
@@ -14,6 +15,12 @@ from skfmap.learner import TrainingSet
 from skfmap.learner.across import extend_pairs
 from skfmap.learner.bridged import choose_bridge
 from skfmap.persistence import load_model, save_model
+from skfmap.plotting import (
+    BasisErrorDisplay,
+    ErrorCurveDisplay,
+    SingularValuesDisplay,
+    WeightsDisplay,
+)
 
 
 @pytest.fixture(scope="module")
@@ -38,10 +45,14 @@ def test_known_pairs_are_kept_and_the_rest_lies_between_them():
 
 def test_the_error_of_an_extension_is_known_from_landmarks_placed_by_others(collection):
     first, second = collection.truths[0], collection.truths[3]
-    given, asked = (first.restrict(range(start, 300, 2)).join(second.restrict(range(300))) for start in (0, 1))
+    given, asked = (
+        first.restrict(range(start, 300, 2)).join(second.restrict(range(300))) for start in (0, 1)
+    )
     mesh_i, mesh_0 = collection.meshes[0], collection.meshes[3]
     p2p, uncertainty, error = extend_pairs(mesh_i, mesh_0, given)
-    distances = exact_distances(mesh_0.vertices / np.sqrt(mesh_0.area), mesh_0.faces, asked.vertices_0)
+    distances = exact_distances(
+        mesh_0.vertices / np.sqrt(mesh_0.area), mesh_0.faces, asked.vertices_0
+    )
     true = distances[np.arange(len(asked.vertices_0)), p2p[asked.vertices_i]]
     assert 0.3 * true.mean() < error < 3 * true.mean()
     assert 0.3 * true.mean() < uncertainty[asked.vertices_i].mean() < 3 * true.mean()
@@ -55,7 +66,9 @@ def test_pairs_are_extended_along_the_surface_and_not_through_space():
     rows = [np.column_stack([x, np.full(2 * n, y), z]) for y in (0.0, 0.05, 0.1)]
     grid = np.arange(6 * n).reshape(3, 2 * n)
     a, b, c, d = grid[:-1, :-1], grid[:-1, 1:], grid[1:, 1:], grid[1:, :-1]
-    faces = np.concatenate([np.stack([a, b, c], -1).reshape(-1, 3), np.stack([a, c, d], -1).reshape(-1, 3)])
+    faces = np.concatenate(
+        [np.stack([a, b, c], -1).reshape(-1, 3), np.stack([a, c, d], -1).reshape(-1, 3)]
+    )
     strip = skfmap.Mesh(np.concatenate(rows), faces)
     some = grid[:, ::8].ravel()
     pairs = Correspondence(np.column_stack([some, some]))
@@ -88,8 +101,12 @@ def test_a_bridge_is_dropped_where_it_does_not_pay(make_learner, probed, collect
     assert learner.bridge_ is None
     plain = make_learner().fit(probed[:5], collection.truths[:5])
     np.testing.assert_array_equal(learner.match(probed[5:])[0].p2p, plain.match(probed[5:])[0].p2p)
-    np.testing.assert_array_equal(learner.point_maps(probed[5:])[0], plain.point_maps(probed[5:])[0])
-    assert learner.score(probed[5:], collection.truths[5:]) == plain.score(probed[5:], collection.truths[5:])
+    np.testing.assert_array_equal(
+        learner.point_maps(probed[5:])[0], plain.point_maps(probed[5:])[0]
+    )
+    assert learner.score(probed[5:], collection.truths[5:]) == plain.score(
+        probed[5:], collection.truths[5:]
+    )
 
 
 def test_a_reference_unlike_the_rest_is_reached_through_a_bridge(make_learner, probe, collection):
@@ -97,7 +114,9 @@ def test_a_reference_unlike_the_rest_is_reached_through_a_bridge(make_learner, p
     ball = collection.meshes[0]
     radius = np.linalg.norm(ball.vertices, axis=1, keepdims=True)
     directions = ball.vertices / radius
-    stretched = skfmap.Mesh(directions * (1 + 0.9 * directions[:, :1] ** 3) * [1, 0.5, 2.0], ball.faces, name="odd")
+    stretched = skfmap.Mesh(
+        directions * (1 + 0.9 * directions[:, :1] ** 3) * [1, 0.5, 2.0], ball.faces, name="odd"
+    )
     shapes = probe([stretched, *collection.meshes[1:5]])
     learner = BridgedLearner(make_learner()).fit(shapes, collection.truths[:5])
     assert learner.bridge_errors_["bridge"] < learner.bridge_errors_["direct"]
@@ -107,21 +126,28 @@ def test_the_bridge_is_the_shape_that_leaves_least(probed, collection):
     truths = collection.truths[:5]
     training = TrainingSet.from_samples(probed[:5], truths, n_functions=12)
     bridge = choose_bridge(training)
-    assert training.shapes[bridge].name in {"body1", "body2"}  # twisted by -0.1 and 0.1; the others by 0.15 and -0.15
+    # Twisted by 0.1 and -0.1; the others by 0.15 and -0.15.
+    assert training.shapes[bridge].name in {"body1", "body2"}
     assert choose_bridge(TrainingSet.from_samples(probed[:3], truths[:3], n_functions=12)) is None
 
 
 @pytest.mark.parametrize("name", ["body0", "nobody"])
 def test_a_bridge_must_be_a_training_shape(make_learner, probed, collection, name):
     learner = make_learner(max_iter=3, tol=1e9, confidence=None)
-    with pytest.raises(ValueError, match=r"through=.* must name exactly one of the training shapes"):
+    with pytest.raises(
+        ValueError, match=r"through=.* must name exactly one of the training shapes"
+    ):
         BridgedLearner(learner, through=name).fit(probed[:4], collection.truths[:4])
 
 
 def test_a_bridge_is_not_chosen_without_expected_errors(make_learner, probed, collection):
-    with pytest.raises(ValueError, match=r"compares expected errors.*confidence='cross-fit', or name"):
+    with pytest.raises(
+        ValueError, match=r"compares expected errors.*confidence='cross-fit', or name"
+    ):
         BridgedLearner(make_learner(confidence=None)).fit(probed[:4], collection.truths[:4])
-    named = BridgedLearner(make_learner(confidence=None), through="body2").fit(probed[:4], collection.truths[:4])
+    named = BridgedLearner(make_learner(confidence=None), through="body2").fit(
+        probed[:4], collection.truths[:4]
+    )
     (match,) = named.match(probed[5:])
     assert match.expected_error is None
     assert match.familiar is None
@@ -129,7 +155,9 @@ def test_a_bridge_is_not_chosen_without_expected_errors(make_learner, probed, co
 
 
 def test_a_bridged_learner_takes_a_learner(probed, collection):
-    with pytest.raises(TypeError, match="estimator must be a WeightedFunctionalMapLearner; got str"):
+    with pytest.raises(
+        TypeError, match="estimator must be a WeightedFunctionalMapLearner; got str"
+    ):
         BridgedLearner("learner").fit(probed[:4], collection.truths[:4])
 
 
@@ -167,9 +195,23 @@ def test_a_learner_with_a_bridge_is_saved_in_a_safe_file(through, probed, tmp_pa
 
 def test_neither_maps_nor_expected_errors_depend_on_n_jobs(make_learner, probed, collection):
     one, two = (
-        make_learner(n_functions=8, refine="bijective-zoomout", n_jobs=n_jobs).fit(probed[:4], collection.truths[:4])
+        make_learner(n_functions=8, refine="bijective-zoomout", n_jobs=n_jobs).fit(
+            probed[:4], collection.truths[:4]
+        )
         for n_jobs in (1, 2)
     )
     for first, second in zip(one.match(probed[4:]), two.match(probed[4:]), strict=True):
         np.testing.assert_array_equal(first.p2p, second.p2p)
         np.testing.assert_array_equal(first.expected_error, second.expected_error)
+
+
+def test_displays_take_a_bridged_learner(through, probed, collection):
+    X, y = probed[5:], collection.truths[5:]
+    assert WeightsDisplay.from_estimator(through).figure_ is not None
+    for display in (SingularValuesDisplay, BasisErrorDisplay, ErrorCurveDisplay):
+        assert display.from_estimator(through, X, y).figure_ is not None
+    plt.close("all")
+    assert through.n_stable_ == 6
+    assert through.training_errors_.shape == (5,)
+    with pytest.raises(AttributeError, match="has no attribute 'nothing_'"):
+        _ = through.nothing_

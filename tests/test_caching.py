@@ -1,4 +1,4 @@
-"""What is kept on disk: nothing computed twice, nothing confused, nothing lost to an interruption."""
+"""What is kept on disk: nothing computed twice, confused, or lost to an interruption."""
 
 import importlib
 import linecache
@@ -49,8 +49,15 @@ def test_a_cache_gives_the_same_and_computes_once(tmp_path, calls, collection):
     plain = DescriptorTransformer("paper").transform(SpectralBasis(15).transform(meshes))
     calls.clear()
     for memory in (str(tmp_path), joblib.Memory(str(tmp_path), verbose=0)):
-        basis, descriptors = SpectralBasis(15, memory=memory), DescriptorTransformer("paper", memory=memory)
-        for X in (meshes, meshes[::-1], [Mesh(meshes[0].vertices, meshes[0].faces, name="renamed")]):
+        basis, descriptors = (
+            SpectralBasis(15, memory=memory),
+            DescriptorTransformer("paper", memory=memory),
+        )
+        for X in (
+            meshes,
+            meshes[::-1],
+            [Mesh(meshes[0].vertices, meshes[0].faces, name="renamed")],
+        ):
             probed = descriptors.transform(basis.transform(X))
             assert_array_equal(probed[-1].probes, plain[0 if X is not meshes else 1].probes)
         assert probed[0].name == "renamed"
@@ -64,7 +71,9 @@ def test_a_cache_tells_parameters_apart(tmp_path, calls, collection):
         basis = SpectralBasis(n_components, laplacian=laplacian, memory=str(tmp_path))
         descriptors = DescriptorTransformer("paper", memory=str(tmp_path)).set_params(**parameters)
         plain = (
-            clone(descriptors).set_params(memory=None).transform(clone(basis).set_params(memory=None).transform(mesh))
+            clone(descriptors)
+            .set_params(memory=None)
+            .transform(clone(basis).set_params(memory=None).transform(mesh))
         )
         calls.clear()
         (probed,) = descriptors.transform(basis.transform(mesh))
@@ -97,13 +106,17 @@ def test_a_cache_is_not_confused_by_two_meshes_of_one_name(tmp_path, collection)
 
 def test_a_search_computes_each_basis_once(tmp_path, calls, make_model, collection):
     grid = {"learner__weighting": [None, "category"]}
-    search = GridSearchCV(make_model(memory=str(tmp_path)), grid, cv=PinnedReference(2), error_score="raise")
+    search = GridSearchCV(
+        make_model(memory=str(tmp_path)), grid, cv=PinnedReference(2), error_score="raise"
+    )
     search.fit(collection.meshes[:4], collection.truths[:4])
     assert calls == {"laplacian_eigenbasis": 4, "heat_kernel_signature": 4}
 
 
 def test_the_memory_of_a_pipeline_works_too(tmp_path, calls, make_learner, collection):
-    model = make_pipeline(SpectralBasis(20), DescriptorTransformer("paper"), make_learner(), memory=str(tmp_path))
+    model = make_pipeline(
+        SpectralBasis(20), DescriptorTransformer("paper"), make_learner(), memory=str(tmp_path)
+    )
     fresh = [Mesh(mesh.vertices, mesh.faces, mesh.name) for mesh in collection.meshes[:3]]
     first = model.fit(fresh, collection.truths[:3]).predict(collection.meshes[5:])
     calls.clear()
@@ -115,7 +128,9 @@ def test_the_memory_of_a_pipeline_works_too(tmp_path, calls, make_learner, colle
 def test_who_asks_for_one_basis_at_once_shares_one_computation(tmp_path, collection, monkeypatch):
     computed = []
     original = skfmap.basis.laplacian_eigenbasis
-    monkeypatch.setattr(skfmap.basis, "laplacian_eigenbasis", lambda *a: computed.append(a) or original(*a))
+    monkeypatch.setattr(
+        skfmap.basis, "laplacian_eigenbasis", lambda *a: computed.append(a) or original(*a)
+    )
     ask = lambda _: SpectralBasis(20, memory=tmp_path).transform(collection.meshes[:2])
     with ThreadPoolExecutor(4) as pool:
         results = list(pool.map(ask, range(4)))
@@ -129,19 +144,29 @@ def test_ground_truth_is_fitted_once_for_all_grid_points_and_folds(
 ):
     fitted_pairs = Counter()
     original = skfmap.ground_truth.map_from_pairs
-    monkeypatch.setattr(skfmap.ground_truth, "map_from_pairs", lambda *a: fitted_pairs.update(["map"]) or original(*a))
+    monkeypatch.setattr(
+        skfmap.ground_truth,
+        "map_from_pairs",
+        lambda *a: fitted_pairs.update(["map"]) or original(*a),
+    )
     probed, truths = probed[:4], collection.truths[:4]
     grid = {"weighting": [None, "unique"], "alpha": [1e-3]}
     cv = PinnedReference(LeaveOneOut())
-    search = GridSearchCV(make_learner(memory=str(tmp_path)), grid, cv=cv, error_score="raise", refit=False)
+    search = GridSearchCV(
+        make_learner(memory=str(tmp_path)), grid, cv=cv, error_score="raise", refit=False
+    )
     search.fit(probed, truths)
     assert fitted_pairs["map"] == 3
-    plain = GridSearchCV(make_learner(memory=None), grid, cv=cv, error_score="raise", refit=False).fit(probed, truths)
+    plain = GridSearchCV(
+        make_learner(memory=None), grid, cv=cv, error_score="raise", refit=False
+    ).fit(probed, truths)
     assert_array_equal(search.cv_results_["mean_test_score"], plain.cv_results_["mean_test_score"])
     assert fitted_pairs["map"] == 3 + 3 * 2 * 2
 
 
-def test_ground_truth_in_a_cache_is_told_apart_by_pairs_and_size(tmp_path, make_learner, probed, collection):
+def test_ground_truth_in_a_cache_is_told_apart_by_pairs_and_size(
+    tmp_path, make_learner, probed, collection
+):
     fewer = [truth.restrict(truth.pairs[::2, 1]) for truth in collection.truths]
     for truths, k in ((collection.truths, 12), (fewer, 12), (collection.truths, 10)):
         cached, plain = (
@@ -149,7 +174,10 @@ def test_ground_truth_in_a_cache_is_told_apart_by_pairs_and_size(tmp_path, make_
             for memory in (str(tmp_path), None)
         )
         assert_array_equal(cached.stable_basis_, plain.stable_basis_)
-        assert_array_equal(cached.error_models_["unrefined"].confidence, plain.error_models_["unrefined"].confidence)
+        assert_array_equal(
+            cached.error_models_["unrefined"].confidence,
+            plain.error_models_["unrefined"].confidence,
+        )
 
 
 def test_a_file_that_changes_is_read_again(tmp_path, collection):
@@ -173,13 +201,17 @@ _SEARCH = """
         location = sys.argv[1]
         meshes, truths = joblib.load(sys.argv[2])
         memory = joblib.Memory(location, verbose=1)  # tells each call that is not in the cache
-        learner = skfmap.WeightedFunctionalMapLearner(n_functions=10, weighting=None, memory=location)
         model = make_pipeline(
             skfmap.SpectralBasis(30, memory=memory),
             skfmap.DescriptorTransformer("paper", memory=memory),
-            learner,
+            skfmap.WeightedFunctionalMapLearner(
+                n_functions=10, weighting=None, memory=location
+            ),
         )
-        grid = {"weightedfunctionalmaplearner__alpha": [1e-3, 1e-2], "spectralbasis__n_components": [20, 30]}
+        grid = {
+            "weightedfunctionalmaplearner__alpha": [1e-3, 1e-2],
+            "spectralbasis__n_components": [20, 30],
+        }
         search = GridSearchCV(model, grid, cv=PinnedReference(2), n_jobs=2, error_score="raise")
         search.fit(meshes, truths)
         print("best", search.best_params_, search.best_score_.hex())
@@ -193,7 +225,9 @@ def test_a_search_from_a_cold_cache_computes_each_basis_once_in_two_processes(tm
     joblib.dump((collection.meshes[:5], collection.truths[:5]), tmp_path / "given.joblib")
     told = subprocess.run(command, capture_output=True, text=True, check=True, timeout=300).stdout
     assert told.count("Calling skfmap.basis._eigenbasis") == 5
-    assert told.count("Calling skfmap.descriptors.transformer._stacked") == 5 * 2  # two numbers of components
+    assert (
+        told.count("Calling skfmap.descriptors.transformer._stacked") == 5 * 2
+    )  # two numbers of components
 
 
 def test_an_interruption_keeps_what_is_finished(tmp_path, collection, monkeypatch):
@@ -230,11 +264,18 @@ def test_a_cache_notices_that_what_a_function_calls_has_changed(collection, tmp_
         importlib.invalidate_caches()
         function = importlib.import_module("own_probes").height
         family = [("own", FunctionProbes(function))]
-        cached, plain = (DescriptorTransformer(family, memory=memory) for memory in (str(tmp_path / "cache"), None))
-        np.testing.assert_array_equal(cached.transform(shapes)[0].probes, plain.transform(shapes)[0].probes)
+        cached, plain = (
+            DescriptorTransformer(family, memory=memory)
+            for memory in (str(tmp_path / "cache"), None)
+        )
+        np.testing.assert_array_equal(
+            cached.transform(shapes)[0].probes, plain.transform(shapes)[0].probes
+        )
         return plain.transform(shapes)[0].probes
 
-    helper = "def helper(shape): return shape.vertices[:, {}]\ndef height(shape): return helper(shape)\n"
+    helper = (
+        "def helper(shape): return shape.vertices[:, {}]\ndef height(shape): return helper(shape)\n"
+    )
     constant = "AXIS = {}\ndef height(shape): return shape.vertices[:, AXIS]\n"
     imported = "import own_helpers\ndef height(shape): return shape.vertices[:, own_helpers.AXIS]\n"
     for bodies in ((helper.format(0), helper.format(2)), (constant.format(0), constant.format(2))):

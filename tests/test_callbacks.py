@@ -13,7 +13,9 @@ import skfmap.learner
 from skfmap.metrics import get_scorer
 from skfmap.model_selection import PinnedReference
 
-sklearn_callback = pytest.importorskip("sklearn.callback", reason="callbacks came with scikit-learn 1.9")
+sklearn_callback = pytest.importorskip(
+    "sklearn.callback", reason="callbacks came with scikit-learn 1.9"
+)
 pytestmark = pytest.mark.filterwarnings("ignore::UserWarning:sklearn")
 
 
@@ -33,13 +35,21 @@ class Recorder:
     def on_fit_task_begin(self, estimator, context):
         self.begun.append((context.task_name, context.task_id))
 
-    def on_fit_task_end(self, estimator, context, *, X=None, y=None, metadata=None, fitted_estimator=None):
+    def on_fit_task_end(
+        self, estimator, context, *, X=None, y=None, metadata=None, fitted_estimator=None
+    ):
         self.models.append(fitted_estimator)
         self.data.append((X, y, metadata))
-        return self.last is not None and context.task_name == "iteration" and context.task_id + 1 >= self.last
+        return (
+            self.last is not None
+            and context.task_name == "iteration"
+            and context.task_id + 1 >= self.last
+        )
 
 
-def test_every_iteration_is_told_with_a_model_that_predicts(make_learner, fitted, probed, collection):
+def test_every_iteration_is_told_with_a_model_that_predicts(
+    make_learner, fitted, probed, collection
+):
     recorder, learner = Recorder(), make_learner()
     X, y = probed[:5], collection.truths[:5]
     learner.set_callbacks(recorder).fit(X, y)
@@ -62,14 +72,16 @@ def test_a_callback_stops_the_search_without_a_warning(make_learner, probed, col
         learner.fit(probed[:4], collection.truths[:4])
     assert learner.n_iter_ == 3
     same = make_learner(tol=1e-9, max_iter=3)
-    with pytest.warns(ConvergenceWarning):
+    with pytest.warns(ConvergenceWarning, match="in 3 iterations"):
         same.fit(probed[:4], collection.truths[:4])
     assert_array_equal(learner.weights_, same.weights_)
 
 
 def test_sample_weights_are_handed_on(make_learner, probed, collection):
     recorder, share = Recorder(last=1), [1.0, 2.0, 1.0]
-    make_learner().set_callbacks(recorder).fit(probed[:3], collection.truths[:3], sample_weight=share)
+    make_learner().set_callbacks(recorder).fit(
+        probed[:3], collection.truths[:3], sample_weight=share
+    )
     assert recorder.data[0][2] == {"sample_weight": share}
 
 
@@ -92,7 +104,9 @@ def test_progress_bars_and_clones_and_pipelines(make_model, collection, capsys):
 
 def test_callbacks_of_a_search_reach_the_learner(make_learner, probed, collection):
     recorder = Recorder()
-    search = GridSearchCV(make_learner().set_callbacks(recorder), {"weighting": ["unique"]}, cv=PinnedReference(2))
+    search = GridSearchCV(
+        make_learner().set_callbacks(recorder), {"weighting": ["unique"]}, cv=PinnedReference(2)
+    )
     search.fit(probed[:4], collection.truths[:4])
     assert ("iteration", 0) in recorder.begun
 
@@ -102,7 +116,9 @@ def test_callbacks_of_a_search_reach_the_learner(make_learner, probed, collectio
     [(skfmap.learner.TrainingSet, "learn"), (skfmap.learner.CrossFitConfidence, "fit")],
     ids=["learning", "calibrating"],
 )
-def test_an_interrupted_fit_leaves_nothing_behind(holder, at, make_learner, probed, collection, monkeypatch):
+def test_an_interrupted_fit_leaves_nothing_behind(
+    holder, at, make_learner, probed, collection, monkeypatch
+):
     def interrupt(*arguments, **keywords):
         raise KeyboardInterrupt
 
@@ -116,6 +132,6 @@ def test_an_interrupted_fit_leaves_nothing_behind(holder, at, make_learner, prob
             with pytest.raises(KeyboardInterrupt):
                 interrupted.fit(probed[:4], collection.truths[:4])
     assert recorder.torn_down == 1
-    with pytest.raises(NotFittedError):
+    with pytest.raises(NotFittedError, match="not fitted yet"):
         learner.predict(probed)
     assert_array_equal(before.predict(probed), expected)

@@ -23,18 +23,24 @@ pytestmark = [
 def client():
     """Return a client of two workers in processes of their own."""
     with (
-        distributed.LocalCluster(n_workers=2, threads_per_worker=1, processes=True, dashboard_address=":0") as cluster,
+        distributed.LocalCluster(
+            n_workers=2, threads_per_worker=1, processes=True, dashboard_address=":0"
+        ) as cluster,
         distributed.Client(cluster) as client,
     ):
         yield client
 
 
-def test_a_fit_on_a_cluster_gives_the_same_and_keeps_its_gradients(client, make_model, collection, monkeypatch):
+def test_a_fit_on_a_cluster_gives_the_same_and_keeps_its_gradients(
+    client, make_model, collection, monkeypatch
+):
     X, y = collection.meshes[:4], collection.truths[:4]
     serial = make_model().fit(X, y)
     at_home, original = [], skfmap.functional.learning.optimize_weights
     monkeypatch.setattr(
-        skfmap.functional.learning, "optimize_weights", lambda *a, **k: at_home.append(1) or original(*a, **k)
+        skfmap.functional.learning,
+        "optimize_weights",
+        lambda *a, **k: at_home.append(1) or original(*a, **k),
     )
     with joblib.parallel_config(backend="dask"):
         spread = make_model().fit(X, y)
@@ -46,7 +52,11 @@ def test_a_fit_on_a_cluster_gives_the_same_and_keeps_its_gradients(client, make_
         assert_array_equal(one.p2p, other.p2p)
         assert_array_equal(one.expected_error, other.expected_error)
     for modules in client.run(_loaded).values():
-        assert {"skfmap.basis", "skfmap.descriptors", "skfmap.ground_truth"} <= modules  # workers took part
+        assert {
+            "skfmap.basis",
+            "skfmap.descriptors",
+            "skfmap.ground_truth",
+        } <= modules  # workers took part
 
 
 def _loaded():

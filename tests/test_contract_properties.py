@@ -13,11 +13,24 @@ from numpy.testing import assert_allclose, assert_array_equal
 from sklearn.base import clone
 
 import skfmap
-from skfmap import Correspondence, DescriptorTransformer, Mesh, SpectralBasis, check_mesh, repair_mesh
+from skfmap import (
+    Correspondence,
+    DescriptorTransformer,
+    Mesh,
+    SpectralBasis,
+    check_mesh,
+    repair_mesh,
+)
 from skfmap.datasets import make_sphere
 from skfmap.exceptions import MeshError, OrientationWarning, RepairWarning, SkippedShapeWarning
 from skfmap.io import read_mesh, write_mesh
-from skfmap.metrics import coverage, error_curve, geodesic_error, mean_over_shapes, reference_distances
+from skfmap.metrics import (
+    coverage,
+    error_curve,
+    geodesic_error,
+    mean_over_shapes,
+    reference_distances,
+)
 from skfmap.shapes import SkippedShape
 from skfmap.shapes.given_vertices import expand, given_numbers
 from skfmap.shapes.usable import pick_usable, put_back
@@ -67,7 +80,9 @@ def _lead_nowhere(vertices, faces, rng):
 
 def _lose_numbers(vertices, faces, rng):
     changed = vertices.copy()
-    changed[rng.integers(len(vertices)), rng.integers(3)] = rng.choice([np.nan, np.inf, -np.inf, 1e300])
+    changed[rng.integers(len(vertices)), rng.integers(3)] = rng.choice(
+        [np.nan, np.inf, -np.inf, 1e300]
+    )
     return changed, faces
 
 
@@ -136,7 +151,7 @@ def _damaged(damage, rng):
 
 
 def _answer(function):
-    """Return what a function returns, or its error if it is of our own; warnings of numpy are errors."""
+    """Return what a function returns, or its error if it is ours; warnings of numpy are errors."""
     with warnings.catch_warnings():
         for category in (OrientationWarning, RepairWarning, SkippedShapeWarning):
             warnings.simplefilter("ignore", category)
@@ -148,7 +163,9 @@ def _answer(function):
 
 @given(damages, generators, st.sampled_from(["cotangent", "robust"]))
 @cases
-def test_a_damaged_mesh_has_a_basis_or_is_refused_by_name_and_the_report_knows(damage, rng, laplacian):
+def test_a_damaged_mesh_has_a_basis_or_is_refused_by_name_and_the_report_knows(
+    damage, rng, laplacian
+):
     mesh = _damaged(damage, rng)
     told = check_mesh(mesh)
     assert str(told)
@@ -181,7 +198,12 @@ def test_what_is_mended_is_whole_and_keeps_count(damage, rng):
     assert set(repair.vertex_map[kept]) == set(range(repair.mesh.n_vertices))
     assert_array_equal(repair.mesh.vertices[repair.vertex_map[kept]], vertices[kept])
     assert repair_mesh(repair.mesh).done == ()
-    mendable = {"unreferenced vertices", "duplicate faces", "several components", "coordinates that are not finite"}
+    mendable = {
+        "unreferenced vertices",
+        "duplicate faces",
+        "several components",
+        "coordinates that are not finite",
+    }
     assert not mendable & {fault.kind for fault in check_mesh(repair.mesh).faults}
 
 
@@ -197,7 +219,9 @@ def test_repair_and_skip_never_raise_for_a_shape_that_is_no_reference(damage, rn
         assert mended.name == "shape 1"
         assert mended.n_vertices == len(mesh[0])
         return
-    assert len(mesh[0]) == (len(mended.evecs) if mended.vertex_map is None else len(mended.vertex_map))
+    assert len(mesh[0]) == (
+        len(mended.evecs) if mended.vertex_map is None else len(mended.vertex_map)
+    )
 
 
 # Places of shapes, numbers of vertices
@@ -207,15 +231,19 @@ def test_repair_and_skip_never_raise_for_a_shape_that_is_no_reference(damage, rn
 @cases
 def test_skipped_shapes_keep_their_places(pattern):
     X = [SkippedShape(f"s{i}", "broken") if skipped else i for i, skipped in enumerate(pattern)]
-    answers = put_back([10 * shape for shape in pick_usable(X).shapes], pick_usable(X), lambda shape: shape.name)
+    answers = put_back(
+        [10 * shape for shape in pick_usable(X).shapes], pick_usable(X), lambda shape: shape.name
+    )
     assert answers == [f"s{i}" if skipped else 10 * i for i, skipped in enumerate(pattern)]
 
 
 @given(generators, st.integers(1, 20))
 @cases
 def test_values_go_to_the_vertices_that_they_belong_to(rng, n_new):
-    """Whatever was removed or merged: each vertex that was given finds the value of the one that it became."""
-    vertex_map = np.concatenate([np.arange(n_new), rng.integers(-1, n_new, size=rng.integers(0, 10))])
+    """Whatever was removed or merged, each given vertex has the value of what it became."""
+    vertex_map = np.concatenate(
+        [np.arange(n_new), rng.integers(-1, n_new, size=rng.integers(0, 10))]
+    )
     rng.shuffle(vertex_map)
     values = rng.random(n_new)
     spread_out = expand(values, vertex_map, np.nan)
@@ -261,7 +289,10 @@ def test_errors_are_nil_for_the_truth_and_free_of_order(rng, n):
     assert 0 < coverage(p2p, np.full(mesh.n_vertices, 1 / mesh.n_vertices)) <= 1
 
 
-@given(st.lists(st.floats(0, 10), min_size=1, max_size=30), st.lists(st.floats(0, 10), min_size=1, max_size=10))
+@given(
+    st.lists(st.floats(0, 10), min_size=1, max_size=30),
+    st.lists(st.floats(0, 10), min_size=1, max_size=10),
+)
 @cases
 def test_error_curves_rise_to_one(errors, thresholds):
     curve = error_curve(np.array(errors), np.sort([*thresholds, 10.0]))
@@ -288,12 +319,23 @@ def test_transform_predict_and_match_know_no_order_and_no_company(model, collect
     """Any shapes in any order, some twice: each gets what it gets alone."""
     meshes = [collection.meshes[i] for i in chosen]
     for i, shape, reduced, match in zip(
-        chosen, model[:-1].transform(meshes), model.predict(meshes), skfmap.match(model, meshes), strict=True
+        chosen,
+        model[:-1].transform(meshes),
+        model.predict(meshes),
+        skfmap.match(model, meshes),
+        strict=True,
     ):
         assert_array_equal(shape.probes, alone[i].shape.probes)
         assert_array_equal(shape.spectral.evecs, alone[i].shape.spectral.evecs)
         assert_array_equal(reduced, alone[i].reduced)
-        for name in ("p2p", "expected_error", "confidence", "functional_map", "inverse", "n_supporting"):
+        for name in (
+            "p2p",
+            "expected_error",
+            "confidence",
+            "functional_map",
+            "inverse",
+            "n_supporting",
+        ):
             assert_array_equal(getattr(match, name), getattr(alone[i].match, name), err_msg=name)
         assert (match.matrix != alone[i].match.matrix).nnz == 0
 
@@ -313,8 +355,10 @@ def alone(model, collection):
 
 @given(st.permutations(range(1, 5)))
 @settings(max_examples=3 * _MORE, suppress_health_check=_FIXTURES)
-def test_training_shapes_behind_the_reference_come_in_any_order(make_learner, fitted, probed, collection, order):
-    """Sums over shapes are rounded in another order, and the search goes another way at the last digits."""
+def test_training_shapes_behind_the_reference_come_in_any_order(
+    make_learner, fitted, probed, collection, order
+):
+    """Sums over shapes are rounded in another order, and so the search ends a little elsewhere."""
     order = [0, *order]
     learner = make_learner().fit([probed[i] for i in order], [collection.truths[i] for i in order])
     assert learner.loss_ == pytest.approx(fitted.loss_, rel=1e-3)
@@ -328,8 +372,12 @@ def test_training_shapes_behind_the_reference_come_in_any_order(make_learner, fi
 
 @given(generators, st.sampled_from(["off", "obj", "ply"]), st.integers(-60, 60))
 @cases
-def test_what_is_written_is_read_in_any_unit_or_not_written(tmp_path_factory, rng, suffix, exponent):
-    vertices = (rng.standard_normal((_SPHERE.n_vertices, 3)) + 10 * rng.standard_normal(3)) * 10.0**exponent
+def test_what_is_written_is_read_in_any_unit_or_not_written(
+    tmp_path_factory, rng, suffix, exponent
+):
+    vertices = (
+        rng.standard_normal((_SPHERE.n_vertices, 3)) + 10 * rng.standard_normal(3)
+    ) * 10.0**exponent
     faces = rng.permutation(_SPHERE.n_vertices)[_SPHERE.faces][rng.permutation(_SPHERE.n_faces)]
     path = tmp_path_factory.getbasetemp() / f"written.{suffix}"
     assume(suffix != "ply" or not 35 < abs(exponent) < 46)  # about where single precision ends
@@ -364,4 +412,9 @@ def test_parameters_are_what_was_given(k, laplacian, on_invalid, families, alpha
     ):
         again = type(estimator)(**estimator.get_params(deep=False))
         assert clone(estimator).get_params(deep=False).keys() == again.get_params(deep=False).keys()
-        assert repr(clone(estimator)) == repr(estimator) == repr(again) == repr(pickle.loads(pickle.dumps(estimator)))
+        assert (
+            repr(clone(estimator))
+            == repr(estimator)
+            == repr(again)
+            == repr(pickle.loads(pickle.dumps(estimator)))
+        )

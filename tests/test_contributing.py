@@ -46,7 +46,11 @@ def test_the_hook_reads_what_is_staged_and_lets_merges_pass(tmp_path, monkeypatc
         subprocess.run(["git", *arguments], check=True, capture_output=True)
 
     monkeypatch.chdir(tmp_path)
-    for variable in ("GIT_DIR", "GIT_INDEX_FILE", "GIT_WORK_TREE"):  # set where a hook runs the tests
+    for variable in (
+        "GIT_DIR",
+        "GIT_INDEX_FILE",
+        "GIT_WORK_TREE",
+    ):  # set where a hook runs the tests
         monkeypatch.delenv(variable, raising=False)
     main = _script(".ci/changelog_entry.py").main
     git("init")
@@ -109,7 +113,8 @@ def test_an_audit_without_a_database_is_none(monkeypatch, capsys, answer, option
 
 
 _CHANGELOG = (
-    "Changelog\n=========\n\n1.2.0 (unreleased)\n------------------\n\nAdded\n\n- Something.\n\n1.1.0 (2025-01-01)\n"
+    "Changelog\n=========\n\n1.2.0 (unreleased)\n------------------\n\nAdded\n\n- Something.\n\n"
+    "1.1.0 (2025-01-01)\n"
 )
 
 
@@ -125,7 +130,13 @@ _CHANGELOG = (
     ],
 )
 def test_what_must_hold_before_a_release(change, message):
-    given = {"version": "1.2.0", "current": "1.1.0", "changelog": _CHANGELOG, "changed_files": "", "tags": "v1.1.0"}
+    given = {
+        "version": "1.2.0",
+        "current": "1.1.0",
+        "changelog": _CHANGELOG,
+        "changed_files": "",
+        "tags": "v1.1.0",
+    }
     told = _script(".ci/release.py").check(**given | change)
     assert told is None if message is None else message in told
 
@@ -161,7 +172,9 @@ def test_each_step_of_the_gate_that_is_written_down_is_there():
 
 
 def test_links_inside_pages_are_followed(tmp_path):
-    (tmp_path / "a.html").write_text('<h1 id="top">A</h1><a href="b.html#there">b</a><a href="https://x.org/y">x</a>')
+    (tmp_path / "a.html").write_text(
+        '<h1 id="top">A</h1><a href="b.html#there">b</a><a href="https://x.org/y">x</a>'
+    )
     (tmp_path / "b.html").write_text(
         '<p id="there"></p><a href="a.html#top">a</a><img src="lost.png"><a href="#no">n</a>'
     )

@@ -1,4 +1,4 @@
-"""The embedded collection: whole surfaces, own connectivities, right correspondences, near-isometric bending."""
+"""Creatures: whole surfaces, own connectivities, correspondences, near-isometric bending."""
 
 import numpy as np
 import potpourri3d as pp3d
@@ -116,7 +116,9 @@ def test_vertices_are_as_many_as_asked(n_vertices):
 
 def test_connectivities_differ(cats):
     """The number of vertices with each number of neighbours does not depend on the numbering."""
-    counts = {tuple(np.bincount(np.bincount(mesh.faces.ravel()), minlength=12)) for mesh in cats.meshes}
+    counts = {
+        tuple(np.bincount(np.bincount(mesh.faces.ravel()), minlength=12)) for mesh in cats.meshes
+    }
     assert len(counts) == len(cats.meshes)
 
 
@@ -164,14 +166,19 @@ def test_symmetric_answer_is_that_of_the_mirrored_point(cats):
     assert np.array_equal(points[partner], mirror(points))
     assert np.array_equal(partner[partner], np.arange(N_POINTS))
     for correspondence in cats.correspondences:
-        direct, symmetric = vertices_of_points(correspondence), symmetric_vertices_of_points(correspondence)
+        direct, symmetric = (
+            vertices_of_points(correspondence),
+            symmetric_vertices_of_points(correspondence),
+        )
         assert np.array_equal(symmetric, direct[partner])
 
 
 def test_first_shape_is_at_rest_and_lies_on_its_template(cats):
     mesh = cats.meshes[0]
     assert abs(signed_distance(BODIES["cat"], mesh.vertices)).max() < 0.05
-    gap = np.linalg.norm(mesh.vertices[vertices_of_points(cats.correspondences[0])] - cats.template_points, axis=1)
+    gap = np.linalg.norm(
+        mesh.vertices[vertices_of_points(cats.correspondences[0])] - cats.template_points, axis=1
+    )
     edge = np.sqrt(mesh.area / mesh.n_vertices)
     assert np.median(gap) < edge
     assert gap.max() < 3 * edge
@@ -183,7 +190,12 @@ def test_bodies_are_symmetric_and_legs_stand_apart(body):
     points = rng.uniform([-40, -100, 0], [40, 100, 110], size=(500, 3))
     values = signed_distance(BODIES[body], points)
     assert np.allclose(values, signed_distance(BODIES[body], mirror(points)), atol=1e-9)
-    assert abs(signed_distance(BODIES[body], project(BODIES[body], points[abs(values) < 3], n_steps=4))).max() < 0.05
+    assert (
+        abs(
+            signed_distance(BODIES[body], project(BODIES[body], points[abs(values) < 3], n_steps=4))
+        ).max()
+        < 0.05
+    )
     between = np.column_stack([np.zeros(50), np.linspace(-60, 60, 50), np.full(50, 12.0)])
     assert signed_distance(BODIES[body], between).min() > 4.0
 
@@ -197,7 +209,12 @@ def test_bending_is_nearly_isometric_and_bodies_are_not(cats, horses):
         difference = abs(geodesic_distances(mesh, correspondence, points) - rest)
         return (difference[far] / rest[far]).mean(), np.sqrt((difference**2).mean())
 
-    posed = np.array([distortions(*shape) for shape in zip(cats.meshes[1:], cats.correspondences[1:], strict=True)])
+    posed = np.array(
+        [
+            distortions(*shape)
+            for shape in zip(cats.meshes[1:], cats.correspondences[1:], strict=True)
+        ]
+    )
     other = distortions(horses.meshes[0], horses.correspondences[0])
     assert posed[:, 0].mean() < 0.08
     assert posed[:, 0].max() < 0.11
@@ -206,7 +223,9 @@ def test_bending_is_nearly_isometric_and_bodies_are_not(cats, horses):
 
 def test_no_pose_without_strength():
     still, posed = make_creatures(2, 500, n_points=2, pose_strength=0.0, variation=0.0).meshes
-    rotation_free = [np.sort(np.linalg.norm(mesh.vertices[:, :2], axis=1))[-1] for mesh in (still, posed)]
+    rotation_free = [
+        np.sort(np.linalg.norm(mesh.vertices[:, :2], axis=1))[-1] for mesh in (still, posed)
+    ]
     assert rotation_free[0] == pytest.approx(rotation_free[1], rel=0.05)
     assert np.ptp(posed.vertices[:, 2]) == pytest.approx(np.ptp(still.vertices[:, 2]), rel=0.1)
     assert posed.area == pytest.approx(still.area, rel=0.02)

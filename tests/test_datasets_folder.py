@@ -1,11 +1,13 @@
 """Collections in folders: every format says the same, and what does not fit is refused at once."""
 
+import re
+
 import numpy as np
 import pytest
 
 from skfmap import Mesh
 from skfmap.datasets import load_collection, make_sphere
-from skfmap.exceptions import CorrespondenceError, MeshError
+from skfmap.exceptions import CorrespondenceError, MeshError, SkippedShapeWarning
 from skfmap.io import write_mesh
 
 N = 66
@@ -23,7 +25,9 @@ def folder(tmp_path, orders):
     """Write three spheres whose vertices are numbered differently, without correspondences."""
     sphere = make_sphere(2)
     for name, order in orders.items():
-        write_mesh(Mesh(sphere.vertices[np.argsort(order)], order[sphere.faces]), tmp_path / f"{name}.off")
+        write_mesh(
+            Mesh(sphere.vertices[np.argsort(order)], order[sphere.faces]), tmp_path / f"{name}.off"
+        )
     return tmp_path
 
 
@@ -49,14 +53,24 @@ def write_kind(folder, kind, orders):
 
 @pytest.mark.parametrize(
     "kind",
-    [".vts", ".vertices.txt", ".vertices.npy", ".template.txt", ".template.npy", ".pairs.txt", ".pairs.npy"],
+    [
+        ".vts",
+        ".vertices.txt",
+        ".vertices.npy",
+        ".template.txt",
+        ".template.npy",
+        ".pairs.txt",
+        ".pairs.npy",
+    ],
 )
 def test_every_format_says_the_same(folder, orders, kind):
     write_kind(folder, kind, orders)
     data = load_collection(folder)
     assert data.names == ["cat0", "cat2", "cat10"]
     for mesh, truth, order in zip(data.meshes, data.correspondences, orders.values(), strict=True):
-        assert {tuple(row) for row in truth.pairs.tolist()} == set(zip(order.tolist(), range(N), strict=True))
+        assert {tuple(row) for row in truth.pairs.tolist()} == set(
+            zip(order.tolist(), range(N), strict=True)
+        )
         joined = truth.join(data.correspondences[0])
         np.testing.assert_allclose(
             mesh.vertices[joined.vertices_i], data.meshes[0].vertices[joined.vertices_0], atol=1e-6
@@ -86,7 +100,9 @@ def test_formats_may_differ_from_mesh_to_mesh(folder, orders):
     save(folder / "cat10.txt", np.column_stack([orders["cat10"], np.arange(N)]))
     data = load_collection(folder)
     joined = data.correspondences[2].join(data.correspondences[1])
-    assert dict(zip(joined.points.tolist(), joined.vertices_0.tolist(), strict=True)) == dict(enumerate(orders["cat2"]))
+    assert dict(zip(joined.points.tolist(), joined.vertices_0.tolist(), strict=True)) == dict(
+        enumerate(orders["cat2"])
+    )
 
 
 @pytest.mark.parametrize("suffix", [".off", ".obj", ".ply"])
@@ -247,3 +263,48 @@ def test_a_file_is_no_folder_and_patterns_may_have_a_suffix(tmp_path):
     with pytest.raises(NotADirectoryError, match=r"a\.off is a file"):
         load_collection(tmp_path / "a.off")
     assert load_collection(tmp_path, "*.off").names == ["a", "b"]
+
+
+def test_one_mesh_without_correspondences_does_not_lose_the_folder(tmp_path, collection):
+    for i in range(3):
+        write_mesh(collection.meshes[i], tmp_path / f"body{i}.off")
+    for i in range(2):
+        np.savetxt(tmp_path / f"body{i}.txt", collection.truths[i].pairs, fmt="%d")
+    (tmp_path / "._body0.off").write_bytes(b"what another system leaves")
+    (tmp_path / "folder.off").mkdir()
+    with pytest.raises(CorrespondenceError, match=r"none for \['body2'\]"):
+        load_collection(tmp_path)
+    with pytest.warns(SkippedShapeWarning, match=r"1 of 3 shapes are left out. X\[2\]"):
+        assert load_collection(tmp_path, on_invalid="skip").names == ["body0", "body1", "body2"]
+    for i in range(3):
+        np.savetxt(tmp_path / f"body{i}.vts", 1 + np.arange(9 + (i == 1)), fmt="%d")
+    with pytest.warns(SkippedShapeWarning, match=r"X\[1\].*'body1.vts': 10"):
+        load_collection(tmp_path, on_invalid="skip")
+    for path in [*tmp_path.glob("*.vts"), *tmp_path.glob("*.txt")]:
+        path.unlink()
+    with pytest.warns(SkippedShapeWarning, match=r"2 of 3 shapes are left out.*other faces"):
+        load_collection(tmp_path, on_invalid="skip")
+    (tmp_path / "body0.sym.vts").write_text("1\n")
+    with pytest.raises(CorrespondenceError, match=r"body0.sym.vts has no body0.vts beside it"):
+        load_collection(tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("name", "content"),
+    [
+        ("f.template.txt", "-5\n"),
+        ("f.vertices.txt", "3\n"),
+        ("f.txt", "1 -2\n"),
+        ("f.vertices.txt", "1e30\n"),
+    ],
+)
+def test_faults_in_correspondence_files_name_the_file(tmp_path, name, content):
+    write_mesh(make_sphere(2), tmp_path / "f.off")
+    (tmp_path / name).write_text(content)
+    with pytest.raises(CorrespondenceError, match=re.escape(name)):
+        load_collection(tmp_path)
+
+
+def test_names_with_odd_digits_are_sorted(tmp_path):
+    write_mesh(make_sphere(2), tmp_path / "1²2.off")
+    assert load_collection(tmp_path).names == ["1²2"]

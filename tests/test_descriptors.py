@@ -8,6 +8,7 @@ from skfmap import DescriptorTransformer, Mesh, SpectralBasis
 from skfmap.datasets import make_sphere
 from skfmap.descriptors import (
     DiffusedCurvature,
+    FunctionProbes,
     HeatKernelSignature,
     MeshSaliency,
     OrientedProducts,
@@ -20,7 +21,9 @@ from skfmap.exceptions import MeshError, OrientationWarning
 
 def functions(mesh, families=None, laplacian="cotangent"):
     """Return probe functions on vertices, which do not depend on signs of eigenfunctions."""
-    (shape,) = DescriptorTransformer(families).transform(SpectralBasis(30, laplacian=laplacian).transform([mesh]))
+    (shape,) = DescriptorTransformer(families).transform(
+        SpectralBasis(30, laplacian=laplacian).transform([mesh])
+    )
     return shape.functions()
 
 
@@ -43,7 +46,10 @@ def test_nine_categories_of_five_and_ten_of_saliency():
     assert len(counts) == 9
     assert counts.pop("saliency") == 10
     assert set(counts.values()) == {5}
-    assert [name for name, _ in default_families()] == [*(name for name, _ in paper_families()), "oriented"]
+    assert [name for name, _ in default_families()] == [
+        *(name for name, _ in paper_families()),
+        "oriented",
+    ]
 
 
 @pytest.mark.parametrize("laplacian", ["cotangent", "robust"])
@@ -70,7 +76,9 @@ def test_probes_follow_a_renumbering(collection):
 
 def test_a_reflection_flips_oriented_probes_and_no_others(collection):
     mesh = collection.meshes[0]
-    mirrored = Mesh(mesh.vertices * [1, -1, 1], mesh.faces)  # the faces are turned outwards again inside
+    mirrored = Mesh(
+        mesh.vertices * [1, -1, 1], mesh.faces
+    )  # the faces are turned outwards again inside
     assert_close(functions(mirrored, "paper"), functions(mesh, "paper"), 1e-6)
     oriented = [("oriented", OrientedProducts(5))]
     assert_close(functions(mirrored, oriented), -functions(mesh, oriented), 1e-6)
@@ -84,11 +92,16 @@ def test_an_inside_out_mesh_has_the_probes_of_the_outward_one(collection):
 def test_symmetric_probes_are_symmetric_and_oriented_ones_antisymmetric():
     sphere = make_sphere(3)
     body = Mesh(
-        sphere.vertices * (1 + 0.5 * np.exp(4 * sphere.vertices @ [0.6, 0, 0.8] - 4))[:, None] * [2, 1, 0.7],
+        sphere.vertices
+        * (1 + 0.5 * np.exp(4 * sphere.vertices @ [0.6, 0, 0.8] - 4))[:, None]
+        * [2, 1, 0.7],
         sphere.faces,
     )
     partner = np.array(
-        [np.flatnonzero(np.linalg.norm(body.vertices - v * [1, -1, 1], axis=1) < 1e-9)[0] for v in body.vertices]
+        [
+            np.flatnonzero(np.linalg.norm(body.vertices - v * [1, -1, 1], axis=1) < 1e-9)[0]
+            for v in body.vertices
+        ]
     )
     for families, sign in (("paper", 1), ([("oriented", OrientedProducts(6))], -1)):
         values = functions(body, families)
@@ -97,7 +110,8 @@ def test_symmetric_probes_are_symmetric_and_oriented_ones_antisymmetric():
 
 
 def test_probes_vary_little_with_the_meshing(probed):
-    # The same body, meshed differently and twisted by 0.1: the largest functions keep their coefficients' norms.
+    # The same body, meshed differently and twisted by 0.1: the largest functions keep their
+    # coefficients' norms.
     norms = np.array([np.linalg.norm(shape.probes[1:12, :20], axis=0) for shape in probed[:2]])
     assert np.abs(np.log(norms[0] / norms[1])).max() < 0.5
 
@@ -150,4 +164,35 @@ def test_parallel_gradients_leave_nothing_rather_than_noise(collection):
     (shape,) = SpectralBasis(20).transform(collection.meshes[:1])
     family = OrientedProducts(2, lambda_min=20.0, lambda_max=20.0 * (1 + 1e-12))
     assert (family.coefficients(shape) == 0).all()
-    assert np.linalg.norm(OrientedProducts(2, lambda_min=20.0, lambda_max=60.0).coefficients(shape)) > 1e-3
+    assert (
+        np.linalg.norm(OrientedProducts(2, lambda_min=20.0, lambda_max=60.0).coefficients(shape))
+        > 1e-3
+    )
+
+
+def test_probes_that_are_no_numbers_are_named(probed):
+    shape = probed[0].spectral
+
+    def half(given):
+        return np.where(given.vertices[:, 0] > 0, np.nan, 1.0)
+
+    for function in (half, lambda given: given.vertices[:, 0] * 1j):
+        with pytest.raises(
+            ValueError, match=r"FunctionProbes.*body0|must hold real numbers|finite"
+        ):
+            DescriptorTransformer([("own", FunctionProbes(function))]).transform([shape])
+
+
+def test_functions_without_a_name_are_told_apart(probed, collection, make_learner):
+    """Two lambdas are two probes, though both are called <lambda>."""
+    shapes = [shape.spectral for shape in probed]
+    one, other = (
+        DescriptorTransformer(
+            [("hks", HeatKernelSignature()), ("own", FunctionProbes(function))]
+        ).transform(shapes)
+        for function in (lambda shape: shape.vertices[:, 0], lambda shape: shape.vertices[:, 1])
+    )
+    learner = make_learner(weighting=None).fit(one[:3], collection.truths[:3])
+    learner.predict(one[3:])
+    with pytest.raises(ValueError, match="made with other parameters"):
+        learner.predict(other[3:])

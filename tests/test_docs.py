@@ -19,7 +19,11 @@ pytestmark = pytest.mark.skipif(not (ROOT / "docs").is_dir(), reason="not in a c
 def _pages():
     if not (ROOT / "docs").is_dir():
         return []
-    pages = [path for path in (ROOT / "docs").rglob("*.rst") if not {"_build", "generated"} & set(path.parts)]
+    pages = [
+        path
+        for path in (ROOT / "docs").rglob("*.rst")
+        if not {"_build", "generated"} & set(path.parts)
+    ]
     return [ROOT / "README.md", *sorted(pages)]
 
 
@@ -40,18 +44,26 @@ def test_python_stands_in_examples_that_are_run():
     """Doctests are collected from every page; a block without a prompt would not be run."""
     for name, lines in _blocks("python"):
         assert all(
-            line.startswith((">>>", "...")) or lines[i - 1].startswith((">>>", "...")) for i, line in enumerate(lines)
+            line.startswith((">>>", "...")) or lines[i - 1].startswith((">>>", "..."))
+            for i, line in enumerate(lines)
         ), name
 
 
 def _commands():
-    return [(name, line) for name, lines in _blocks("console") for line in lines if not line.startswith("#")]
+    return [
+        (name, line)
+        for name, lines in _blocks("console")
+        for line in lines
+        if not line.startswith("#")
+    ]
 
 
 @pytest.mark.parametrize(("page", "command"), _commands())
 def test_commands_are_those_that_the_gate_runs_or_parse(page, command):
     if command.startswith("python3 -m venv"):
-        assert f"```console\n{command}\n```" in (ROOT / "README.md").read_text(encoding="utf-8")  # the gate runs these
+        assert f"```console\n{command}\n```" in (ROOT / "README.md").read_text(
+            encoding="utf-8"
+        )  # the gate runs these
     elif command.startswith(".ci/run"):
         step = command.split()[1]
         assert f"\n{step}() {{\n" in (ROOT / ".ci" / "run").read_text(encoding="utf-8")
@@ -79,7 +91,6 @@ def _public():
             "learner",
             "shapes",
             "geometry",
-            "measures",
             "exceptions",
         ):
             public = importlib.import_module(f"skfmap.{module.name}")
@@ -89,7 +100,12 @@ def _public():
 
 # Public elsewhere, or of use inside the package only.
 _ELSEWHERE = {
-    *("descriptors.DescriptorTransformer", "functional.basis_error", "metrics.ERROR_KINDS", "io.MESH_SUFFIXES"),
+    *(
+        "descriptors.DescriptorTransformer",
+        "functional.basis_error",
+        "metrics.ERROR_KINDS",
+        "io.MESH_SUFFIXES",
+    ),
     *("report.thin_out", "persistence.TRUSTED_TYPES", "io.as_mesh", "io.as_meshes"),
     *("ground_truth.KnownMap", "ground_truth.join_with_reference", "ground_truth.known_maps"),
     *(
@@ -97,6 +113,7 @@ _ELSEWHERE = {
         "ground_truth.coverage_messages",
         "ground_truth.warn_of_coverage",
         "health.check_mesh",
+        "refinement.REFINEMENTS",
         "health.repair_mesh",
     ),
     *("io.as_far_as_sound", "io.check_meshes", "io.n_vertices_of", "io.named", "io.read_arrays"),
@@ -115,12 +132,19 @@ def test_every_public_name_is_in_the_api():
 
 def test_modules_are_there_when_the_package_is_and_wait_until_they_are_asked_for():
     code = (
-        "import sys, skfmap; assert not {'matplotlib', 'trimesh', 'skfmap.report'} & set(sys.modules); "
-        "modules = {name for name in dir(skfmap) if name not in skfmap.__all__}; "
-        "print(*sorted(name for name in modules if getattr(skfmap, name).__name__ == f'skfmap.{name}'))"
+        "import sys, skfmap; assert not {'matplotlib', 'trimesh', 'skfmap.report'} & "
+        "set(sys.modules); modules = {name for name in dir(skfmap) if name not in "
+        "skfmap.__all__}; print(*sorted(name for name in modules if getattr(skfmap, "
+        "name).__name__ == f'skfmap.{name}'))"
     )
-    told = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout.split()
-    public = {module.name for module in pkgutil.iter_modules(skfmap.__path__) if not module.name.startswith("_")}
+    told = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, check=True
+    ).stdout.split()
+    public = {
+        module.name
+        for module in pkgutil.iter_modules(skfmap.__path__)
+        if not module.name.startswith("_")
+    }
     assert set(told) == public
     with pytest.raises(AttributeError, match="module 'skfmap' has no attribute 'pictures'"):
         _ = skfmap.pictures
@@ -145,14 +169,24 @@ def test_every_module_has_its_line_on_the_architecture_page(monkeypatch):
     pytest.importorskip("sphinx")
     monkeypatch.syspath_prepend(str(ROOT / "docs"))
     layers = importlib.import_module("layers")
-    described = {name for layer in layers.read_layers() for top in layer for name, _ in layers.modules_of(top)}
-    files = (path.relative_to(ROOT / "skfmap").with_suffix("") for path in (ROOT / "skfmap").rglob("*.py"))
+    described = {
+        name
+        for layer in layers.read_layers()
+        for top in layer
+        for name, _ in layers.modules_of(top)
+    }
+    files = (
+        path.relative_to(ROOT / "skfmap").with_suffix("")
+        for path in (ROOT / "skfmap").rglob("*.py")
+    )
     modules = {".".join(part for part in path.parts if part != "__init__") for path in files} - {""}
     assert described == modules
 
 
 def test_files_that_the_readme_names_are_there():
     text = (ROOT / "README.md").read_text(encoding="utf-8")
-    named = re.findall(r"\]\(([^)#]+)\)", text) + re.findall(r"`((?:docs|examples|tests)/[\w./]*)`", text)
+    named = re.findall(r"\]\(([^)#]+)\)", text) + re.findall(
+        r"`((?:docs|examples|tests)/[\w./]*)`", text
+    )
     for path in named:
         assert path.startswith("http") or (ROOT / path).exists(), path

@@ -1,4 +1,4 @@
-"""The first eigenfunctions: closed forms, multiplicities, and the dense route against the sparse one."""
+"""The first eigenfunctions: closed forms, multiplicities, dense against sparse, failures."""
 
 import numpy as np
 import pytest
@@ -6,13 +6,15 @@ import scipy.sparse as sp
 from scipy.spatial import ConvexHull
 
 import skfmap.functional.eigenbasis as module
-from skfmap import Mesh, SpectralBasis
-from skfmap.exceptions import SkippedShapeWarning
+from skfmap import DescriptorTransformer, Mesh, SpectralBasis
+from skfmap.datasets import make_sphere
+from skfmap.exceptions import MeshError, SkippedShapeWarning
 from skfmap.functional import laplacian_eigenbasis
+from skfmap.shapes import SkippedShape
 
 
 def cycle(n):
-    """Return the Laplacian of a ring, whose eigenvalues 2 - 2 cos(2 pi j / n) are double but for the first."""
+    """Return the Laplacian of a ring: eigenvalues 2 - 2 cos(2 pi j / n), all but one double."""
     ones = np.ones(n)
     ring = sp.diags_array([2 * ones, -ones[1:], -ones[1:]], offsets=[0, 1, -1]).tolil()
     ring[0, -1] = ring[-1, 0] = -1
@@ -49,7 +51,9 @@ def test_residuals_are_as_small_as_stated(monkeypatch):
     dense_evals, dense = laplacian_eigenbasis(stiffness, mass, 50)
     np.testing.assert_allclose(evals, dense_evals, atol=1e-8)
     # The same space of functions, but for the last, whose cluster may be cut.
-    np.testing.assert_allclose(np.linalg.svd(dense.T @ (mass[:, None] * evecs))[1][:45], 1, atol=1e-8)
+    np.testing.assert_allclose(
+        np.linalg.svd(dense.T @ (mass[:, None] * evecs))[1][:45], 1, atol=1e-8
+    )
 
 
 def test_the_same_on_every_run_and_in_every_layout():
@@ -104,3 +108,45 @@ def test_a_mesh_whose_basis_does_not_converge_is_left_out(monkeypatch):
         (skipped,) = SpectralBasis(120, on_invalid="skip").transform([ball])
     assert "No eigenbasis for mesh 'ball'" in skipped.reason
     assert "did not converge" in skipped.reason
+
+
+def test_eigenfunctions_that_are_not_numbers_are_refused():
+    """Where coordinates have lost all digits, so have angles."""
+    ball = make_sphere(n_subdivisions=3)
+    faces = np.delete(ball.faces, np.random.default_rng(1).integers(0, len(ball.faces), 60), axis=0)
+    mesh = Mesh(ball.vertices + 1e15, faces, "far")
+    with pytest.raises(MeshError, match="mesh 'far'"):
+        SpectralBasis(40).transform([mesh])
+    with pytest.warns(SkippedShapeWarning, match="mesh 'far'"):
+        (shape,) = SpectralBasis(40, on_invalid="skip").transform([mesh])
+    assert isinstance(shape, SkippedShape)
+
+
+def test_repeated_eigenvalues_give_one_space_whatever_the_mesh():
+    """On a sphere whole spaces belong to one eigenvalue; rotations turn functions within."""
+    sphere = make_sphere(n_subdivisions=4)
+    turn, _ = np.linalg.qr(np.random.default_rng(0).normal(size=(3, 3)))
+    turn *= np.sign(np.linalg.det(turn))
+    one, two = SpectralBasis(16).transform([sphere, Mesh(sphere.vertices @ turn.T, sphere.faces)])
+    for first, last in ((1, 4), (4, 9), (9, 16)):
+        overlap = one.evecs[:, first:last].T @ (one.mass[:, None] * two.evecs[:, first:last])
+        np.testing.assert_allclose(overlap @ overlap.T, np.eye(last - first), atol=1e-8)
+
+
+@pytest.mark.parametrize("n_components", [20, 64, 65])
+def test_nearly_as_many_functions_as_vertices(n_components):
+    sphere = make_sphere(n_subdivisions=2)  # 66 vertices
+    (shape,) = SpectralBasis(n_components).transform([sphere])
+    gram = shape.evecs.T @ (shape.mass[:, None] * shape.evecs)
+    np.testing.assert_allclose(gram, np.eye(n_components), atol=1e-8)
+    (probed,) = DescriptorTransformer().transform([shape])
+    assert np.isfinite(probed.probes).all()
+    with pytest.raises(MeshError, match="too few for n_components=66"):
+        SpectralBasis(66).transform([sphere])
+
+
+def test_an_eigen_solver_that_does_not_converge_is_an_error(monkeypatch):
+    monkeypatch.setattr(module, "_MOST", 1.05)
+    monkeypatch.setattr(module, "_FIRST_LOOK", 1.0)
+    with pytest.raises(MeshError, match=r"No eigenbasis for mesh.*did not converge"):
+        SpectralBasis(40).transform([make_sphere(4)])

@@ -1,5 +1,7 @@
 """A person's own probe functions and own grouping of the weights."""
 
+from functools import lru_cache
+
 import numpy as np
 import pytest
 from numpy.testing import assert_array_equal
@@ -35,10 +37,19 @@ def spectral(probed):
 
 
 def test_a_function_becomes_a_probe(spectral):
-    families = [*paper_families(), ("ring", FunctionProbes(ring)), ("moments", FunctionProbes(moments, 3))]
+    families = [
+        *paper_families(),
+        ("ring", FunctionProbes(ring)),
+        ("moments", FunctionProbes(moments, 3)),
+    ]
     transformer = DescriptorTransformer(families)
     (shape,) = transformer.transform(spectral[:1])
-    assert shape.probe_names[-4:] == ("ring[ring]", "moments[moments_0]", "moments[moments_1]", "moments[moments_2]")
+    assert shape.probe_names[-4:] == (
+        "ring[ring]",
+        "moments[moments_0]",
+        "moments[moments_1]",
+        "moments[moments_2]",
+    )
     expected = project(ring(spectral[0])[:, None], spectral[0].evecs, spectral[0].mass)
     assert_array_equal(shape.probes[:, 50:51], expected)
     np.testing.assert_allclose(shape.probes[:, 51 + 1], shape.probes[:, 50], atol=1e-12)
@@ -55,7 +66,10 @@ def test_own_probes_keep_scikit_learns_promises():
 def test_own_probes_are_learned_searched_and_matched(make_model, collection, tmp_path):
     families = [*paper_families(2), ("ring", FunctionProbes(ring))]
     model = make_model(memory=str(tmp_path)).set_params(probes__families=families)
-    grid = {"probes__ring__kw_args": [{"power": 1.0}, {"power": 2.0}], "probes__ring__function": [ring]}
+    grid = {
+        "probes__ring__kw_args": [{"power": 1.0}, {"power": 2.0}],
+        "probes__ring__function": [ring],
+    }
     search = GridSearchCV(model, grid, cv=PinnedReference(2), error_score="raise")
     search.fit(collection.meshes[:4], collection.truths[:4])
     assert search.best_estimator_["learner"].probe_names_[-1] == "ring[ring]"
@@ -66,12 +80,25 @@ def test_functions_of_a_module_are_cached_and_lambdas_are_not(spectral, tmp_path
         families = [("ring", FunctionProbes(ring, kw_args={"power": power}))]
         computed.clear()
         (shape,) = DescriptorTransformer(families, memory=str(tmp_path)).transform(spectral[:1])
-        assert_array_equal(shape.probes, DescriptorTransformer(families).transform(spectral[:1])[0].probes)
+        assert_array_equal(
+            shape.probes, DescriptorTransformer(families).transform(spectral[:1])[0].probes
+        )
     assert computed == [3.0]  # the second time from the cache; this one is the plain transformer's
     for power in (2.0, 3.0):  # the same source, another value
         families = [("ring", FunctionProbes(lambda shape, power=power: ring(shape, power)))]
         (shape,) = DescriptorTransformer(families, memory=str(tmp_path)).transform(spectral[:1])
-        assert_array_equal(shape.probes[:, 0], project(ring(spectral[0], power), spectral[0].evecs, spectral[0].mass))
+        assert_array_equal(
+            shape.probes[:, 0],
+            project(ring(spectral[0], power), spectral[0].evecs, spectral[0].mass),
+        )
+
+
+def test_a_wrapped_function_whose_values_its_source_does_not_tell_is_no_error(spectral, tmp_path):
+    families = [("ring", FunctionProbes(lru_cache(ring)))]
+    (shape,) = DescriptorTransformer(families, memory=str(tmp_path)).transform(spectral[:1])
+    assert_array_equal(
+        shape.probes, DescriptorTransformer(families).transform(spectral[:1])[0].probes
+    )
 
 
 @pytest.mark.parametrize(
@@ -80,7 +107,11 @@ def test_functions_of_a_module_are_cached_and_lambdas_are_not(spectral, tmp_path
         (FunctionProbes("ring"), TypeError, "function must be callable"),
         (FunctionProbes(ring, 0), ValueError, "n_functions"),
         (FunctionProbes(ring, kw_args=3), TypeError, "kw_args"),
-        (FunctionProbes(moments), ValueError, r"moments must return finite values of shape \(\d+, 1\) on .*body0"),
+        (
+            FunctionProbes(moments),
+            ValueError,
+            r"moments must return finite values of shape \(\d+, 1\) on .*body0",
+        ),
         (FunctionProbes(lambda shape: shape.mass * np.nan), ValueError, "NaN"),
     ],
 )
@@ -116,7 +147,9 @@ def test_own_groupings_are_searched_over(make_learner, probed, collection):
     assert len(search.fit(probed[:4], collection.truths[:4]).cv_results_["params"]) == 3
 
 
-@pytest.mark.parametrize("weighting", [["a", "b"], "families", 3, lambda names, categories: names[:4]])
+@pytest.mark.parametrize(
+    "weighting", [["a", "b"], "families", 3, lambda names, categories: names[:4]]
+)
 def test_groupings_that_do_not_fit_are_refused(weighting, make_learner, probed, collection):
     with pytest.raises(ValueError, match=r"weighting must be .*(one label|a label|'category')"):
         make_learner(weighting=weighting).fit(probed[:4], collection.truths[:4])

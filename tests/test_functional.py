@@ -54,7 +54,7 @@ def random_problem(rng, n=3, k=7, m=9, alpha=0.05):
 
 
 def brute_force_map(probes_0, probes_i, mask, weights, alpha):
-    """Solve equation (2), its floor included, as one least-squares problem in rows and columns 1 to k - 1."""
+    """Solve equation (2), floor included, as one least-squares problem without the constant."""
     k, m = probes_0.shape
     n = k - 1
     data = np.kron(np.eye(n), (probes_0[1:] * weights).T)
@@ -83,8 +83,12 @@ def test_row_systems_agree_with_one_least_squares_problem(sizes):
 def test_learning_problem_solves_each_shape_alone():
     problem = random_problem(np.random.default_rng(0))
     weights = np.exp(np.random.default_rng(1).standard_normal(9))
-    for C, g, penalty in zip(problem.solve(weights), problem.probes, problem.penalties, strict=True):
-        np.testing.assert_array_equal(C, solve_functional_map(problem.probes_0, g, penalty, weights))
+    for C, g, penalty in zip(
+        problem.solve(weights), problem.probes, problem.penalties, strict=True
+    ):
+        np.testing.assert_array_equal(
+            C, solve_functional_map(problem.probes_0, g, penalty, weights)
+        )
 
 
 def test_constants_map_to_constants():
@@ -112,8 +116,12 @@ def test_scaling_weights_is_dividing_alpha_by_the_square():
     rng = np.random.default_rng(6)
     g_0, g_i = (scale_by(g, g, "shape") for g in rng.standard_normal((2, 6, 8)))
     evals = np.arange(6.0)
-    one = solve_functional_map(g_0, g_i, penalty_of(evals, evals + 0.1, 0.09, "laplacian"), 3 * np.ones(8))
-    other = solve_functional_map(g_0, g_i, penalty_of(evals, evals + 0.1, 0.01, "laplacian"), np.ones(8))
+    one = solve_functional_map(
+        g_0, g_i, penalty_of(evals, evals + 0.1, 0.09, "laplacian"), 3 * np.ones(8)
+    )
+    other = solve_functional_map(
+        g_0, g_i, penalty_of(evals, evals + 0.1, 0.01, "laplacian"), np.ones(8)
+    )
     np.testing.assert_allclose(one, other, atol=1e-12)
 
 
@@ -123,11 +131,15 @@ def test_rank_norm_is_the_sum_over_singular_values(sizes, epsilon):
     k, m, seed = sizes
     A = np.random.default_rng(seed).standard_normal((m, k))
     sigma = np.linalg.svd(A, compute_uv=False)
-    assert rank_norm(A, epsilon) == pytest.approx(np.sum(sigma**2 / (sigma**2 + epsilon)), rel=1e-9, abs=1e-12)
+    assert rank_norm(A, epsilon) == pytest.approx(
+        np.sum(sigma**2 / (sigma**2 + epsilon)), rel=1e-9, abs=1e-12
+    )
 
 
 def test_rank_norm_counts_the_rank_when_epsilon_is_small():
-    A = np.random.default_rng(0).standard_normal((8, 3)) @ np.random.default_rng(1).standard_normal((3, 8))
+    A = np.random.default_rng(0).standard_normal((8, 3)) @ np.random.default_rng(1).standard_normal(
+        (3, 8)
+    )
     assert rank_norm(A, 1e-8) == pytest.approx(3, abs=1e-6)
 
 
@@ -138,7 +150,9 @@ def test_gradient_of_the_norm_agrees_with_finite_differences(repeated):
     direction = rng.standard_normal(A.shape)
     _, gradient = rank_norm_and_gradient(A[None], 0.3)
     step = 1e-5
-    numeric = (rank_norm(A + step * direction, 0.3) - rank_norm(A - step * direction, 0.3)) / (2 * step)
+    numeric = (rank_norm(A + step * direction, 0.3) - rank_norm(A - step * direction, 0.3)) / (
+        2 * step
+    )
     assert (gradient[0] * direction).sum() == pytest.approx(numeric, rel=1e-7)
 
 
@@ -191,7 +205,9 @@ def test_learning_lowers_the_loss_and_ends_at_a_stationary_point(weighting):
 def test_more_freedom_reaches_a_lower_loss():
     problem = random_problem(np.random.default_rng(9))
     losses = [
-        optimize_weights(problem, weight_groups(w, ["a"] * 4 + ["b"] * 5), 0.1, max_iter=500, tol=1e-7).loss_curve[-1]
+        optimize_weights(
+            problem, weight_groups(w, ["a"] * 4 + ["b"] * 5), 0.1, max_iter=500, tol=1e-7
+        ).loss_curve[-1]
         for w in (None, "unique", "category", "function")
     ]
     assert losses == sorted(losses, reverse=True)
@@ -202,7 +218,9 @@ def test_stable_basis_minimises_the_summed_error():
     Y, stability = stable_basis(A)
     np.testing.assert_allclose(Y.T @ Y, np.eye(6), atol=1e-12)
     assert (np.diff(stability) >= 0).all()
-    np.testing.assert_allclose(np.sqrt((np.linalg.norm(A @ Y, axis=1) ** 2).sum(axis=0)), stability, atol=1e-12)
+    np.testing.assert_allclose(
+        np.sqrt((np.linalg.norm(A @ Y, axis=1) ** 2).sum(axis=0)), stability, atol=1e-12
+    )
     gram = np.einsum("nij,nik->jk", A, A)
     np.testing.assert_allclose(np.linalg.eigvalsh(gram), stability**2, rtol=1e-9)
 
@@ -251,15 +269,21 @@ def test_learning_finds_the_probes_that_are_kept():
 def test_learning_says_what_is_wrong_with_its_choices(change, message):
     g, evals = np.random.default_rng(0).standard_normal((3, 4, 5)), np.arange(4.0)
     with pytest.raises(ValueError, match=message):
-        learn_functional_maps(g[0], g[1:], evals, np.tile(evals, (2, 1)), np.tile(np.eye(4), (2, 1, 1)), **change)
+        learn_functional_maps(
+            g[0], g[1:], evals, np.tile(evals, (2, 1)), np.tile(np.eye(4), (2, 1, 1)), **change
+        )
 
 
 def test_learning_says_which_array_does_not_fit():
     g, evals = np.random.default_rng(0).standard_normal((3, 4, 5)), np.arange(4.0)
     with pytest.raises(ValueError, match="unequal k"):
-        learn_functional_maps(g[0], g[1:, :3], evals, np.tile(evals, (2, 1)), np.tile(np.eye(4), (2, 1, 1)))
+        learn_functional_maps(
+            g[0], g[1:, :3], evals, np.tile(evals, (2, 1)), np.tile(np.eye(4), (2, 1, 1))
+        )
     with pytest.raises(ValueError, match="maps holds NaN"):
-        learn_functional_maps(g[0], g[1:], evals, np.tile(evals, (2, 1)), np.full((2, 4, 4), np.nan))
+        learn_functional_maps(
+            g[0], g[1:], evals, np.tile(evals, (2, 1)), np.full((2, 4, 4), np.nan)
+        )
     with pytest.raises(ValueError, match="no maps to learn from"):
         learn_functional_maps(g[0], g[:0], evals, np.empty((0, 4)), np.empty((0, 4, 4)))
 
@@ -276,7 +300,9 @@ def test_normalised_columns_have_one_norm_and_no_constant(sizes):
 
 def test_normalising_by_the_reference_keeps_amplitudes():
     raw_0 = np.random.default_rng(0).standard_normal((5, 4))
-    np.testing.assert_allclose(scale_by(raw_0, 3 * raw_0, "reference"), 3 * scale_by(raw_0, raw_0, "reference"))
+    np.testing.assert_allclose(
+        scale_by(raw_0, 3 * raw_0, "reference"), 3 * scale_by(raw_0, raw_0, "reference")
+    )
     np.testing.assert_allclose(scale_by(raw_0, 3 * raw_0, "shape"), scale_by(raw_0, raw_0, "shape"))
 
 
@@ -289,7 +315,9 @@ def test_a_probe_that_is_constant_on_one_shape_is_dropped_on_both():
 
 def path_laplacian(n):
     """Return stiffness and mass of a path of n vertices and length 1 with free ends."""
-    stiffness = sp.diags_array([-np.ones(n - 1), 2 * np.ones(n), -np.ones(n - 1)], offsets=[-1, 0, 1]).tolil()
+    stiffness = sp.diags_array(
+        [-np.ones(n - 1), 2 * np.ones(n), -np.ones(n - 1)], offsets=[-1, 0, 1]
+    ).tolil()
     stiffness[0, 0] = stiffness[n - 1, n - 1] = 1
     mass = np.full(n, 1 / (n - 1))
     mass[[0, -1]] /= 2
@@ -303,7 +331,9 @@ def test_eigenbasis_of_a_path_is_the_cosines():
     np.testing.assert_allclose(evals[1:], (np.arange(1, 6) * np.pi) ** 2, rtol=1e-3)
     np.testing.assert_allclose(evecs.T @ (mass[:, None] * evecs), np.eye(6), atol=1e-9)
     cosines = np.sqrt(2) * np.cos(np.outer(np.linspace(0, 1, n), np.arange(1, 6) * np.pi))
-    np.testing.assert_allclose(np.abs(evecs[:, 1:].T @ (mass[:, None] * cosines)), np.eye(5), atol=1e-4)
+    np.testing.assert_allclose(
+        np.abs(evecs[:, 1:].T @ (mass[:, None] * cosines)), np.eye(5), atol=1e-4
+    )
     assert evals[0] == 0
     assert np.ptp(evecs[:, 0]) == 0
 
@@ -320,8 +350,12 @@ def test_signatures_against_their_sums():
     wks = wave_kernel_signature(evals, evecs, energies, sigma)
     for v in range(4):
         for j in range(2):
-            assert hks[v, j] == pytest.approx(sum(np.exp(-times[j] * evals[l]) * evecs[v, l] ** 2 for l in (1, 2)))
-        weights = [np.exp(-((energies[0] - np.log(evals[l])) ** 2) / (2 * sigma**2)) for l in (1, 2)]
+            assert hks[v, j] == pytest.approx(
+                sum(np.exp(-times[j] * evals[l]) * evecs[v, l] ** 2 for l in (1, 2))
+            )
+        weights = [
+            np.exp(-((energies[0] - np.log(evals[l])) ** 2) / (2 * sigma**2)) for l in (1, 2)
+        ]
         assert wks[v, 0] == pytest.approx(np.average(evecs[v, 1:] ** 2, weights=weights))
     # Far above the spectrum the last eigenfunction decides, instead of 0 / 0.
     np.testing.assert_allclose(wks[:, 1], evecs[:, 2] ** 2)
@@ -332,7 +366,9 @@ def test_diffusion_is_a_semigroup_and_projection_inverts_reconstruction():
     evals, evecs = laplacian_eigenbasis(stiffness, mass, 6)
     coefficients = np.random.default_rng(0).standard_normal(6)
     once = diffuse(coefficients, evals, np.array([0.3]))[:, 0]
-    twice = diffuse(diffuse(coefficients, evals, np.array([0.1]))[:, 0], evals, np.array([0.2]))[:, 0]
+    twice = diffuse(diffuse(coefficients, evals, np.array([0.1]))[:, 0], evals, np.array([0.2]))[
+        :, 0
+    ]
     np.testing.assert_allclose(once, twice)
     np.testing.assert_allclose(project(evecs @ coefficients, evecs, mass), coefficients, atol=1e-12)
     np.testing.assert_allclose(project(evecs, evecs, mass), np.eye(6), atol=1e-9)
@@ -361,7 +397,9 @@ def test_embedding_of_the_true_map_puts_points_on_their_images():
     stiffness, mass = path_laplacian(50)
     _, evecs = laplacian_eigenbasis(stiffness, mass, 10)
     permutation = np.random.default_rng(0).permutation(50)
-    C = map_from_pairs(evecs[permutation], evecs[permutation], mass[permutation], np.ones((10, 10))).C
+    C = map_from_pairs(
+        evecs[permutation], evecs[permutation], mass[permutation], np.ones((10, 10))
+    ).C
     Y, _ = np.linalg.qr(np.random.default_rng(1).standard_normal((10, 10)))
     points_i, points_0 = spectral_embeddings(evecs[permutation], evecs, C, Y)
     np.testing.assert_allclose(points_i, points_0[permutation], atol=1e-8)
@@ -431,7 +469,10 @@ def test_the_prior_on_few_pairs_is_the_one_that_predicts_pairs_left_out():
         gram = (areas[rows, None] * evecs_i[rows]).T @ evecs_i[rows]
         rhs = (areas[rows, None] * evecs_i[rows]).T @ evecs_0[rows]
         penalty = strength * (mask**2 + 1e-6)
-        return np.stack([np.linalg.solve(gram + np.diag(p), r) for p, r in zip(penalty.T, rhs.T, strict=True)], axis=1)
+        return np.stack(
+            [np.linalg.solve(gram + np.diag(p), r) for p, r in zip(penalty.T, rhs.T, strict=True)],
+            axis=1,
+        )
 
     def left_out(strength):
         errors = [evecs_i[q] @ fitted(np.arange(20) != q, strength) - evecs_0[q] for q in range(20)]
@@ -447,9 +488,13 @@ def test_the_prior_on_few_pairs_is_the_one_that_predicts_pairs_left_out():
 def test_random_pairs_among_right_ones_are_told(share):
     rng = np.random.default_rng(9)
     angle = np.sort(rng.uniform(0, 2 * np.pi, 600))
-    evecs = np.column_stack([np.ones(600), *(f(n * angle) for n in range(1, 11) for f in (np.cos, np.sin))])
+    evecs = np.column_stack(
+        [np.ones(600), *(f(n * angle) for n in range(1, 11) for f in (np.cos, np.sin))]
+    )
     bent = angle + 0.2 * np.sin(angle)
-    images = np.column_stack([np.ones(600), *(f(n * bent) for n in range(1, 11) for f in (np.cos, np.sin))])
+    images = np.column_stack(
+        [np.ones(600), *(f(n * bent) for n in range(1, 11) for f in (np.cos, np.sin))]
+    )
     wrong = rng.random(600) < share
     mixed = np.where(wrong[:, None], images[rng.integers(0, 600, 600)], images)
     found = wrong_pairs(evecs, mixed, np.ones(600))
@@ -461,3 +506,29 @@ def test_random_pairs_among_right_ones_are_told(share):
 def test_nothing_is_wrong_with_a_renumbering():
     evecs = np.random.default_rng(10).standard_normal((300, 12))
     assert not wrong_pairs(evecs, evecs, np.ones(300)).any()
+
+
+@pytest.fixture
+def arrays():
+    rng = np.random.default_rng(0)
+    evals = np.linspace(0, 10, 6)
+    return {
+        "probes_0": rng.normal(size=(6, 4)),
+        "probes": rng.normal(size=(2, 6, 4)),
+        "evals_0": evals,
+        "evals": np.stack([evals + 0.1, evals + 0.2]),
+        "maps": np.stack([np.eye(6)] * 2),
+    }
+
+
+def test_coefficients_that_overflow_are_named(arrays):
+    arrays["probes"] = arrays["probes"] * 1e200
+    arrays["probes"][0, 1, 1] = np.inf
+    with (
+        np.errstate(all="ignore"),
+        pytest.raises(
+            (ValueError, np.linalg.LinAlgError),
+            match=r"extreme probe coefficients|NaN or infinite|finite",
+        ),
+    ):
+        learn_functional_maps(**arrays)

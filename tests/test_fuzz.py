@@ -1,4 +1,4 @@
-"""Hostile files: an error of our own within a second, or the mesh that the file holds; memory bounded by its size."""
+"""Hostile files give the mesh that they hold or an error of ours, in bounded time and memory."""
 
 import io
 import os
@@ -62,7 +62,8 @@ HOSTILE = {
     "negative-index.ply": _ply(b"3", b"1") + _TRIANGLE + b"3 -1 0 1\n",
     "endless.ply": b"ply\nformat ascii 1.0\nelement vertex 3\n" + b"property float x\n" * 20_000,
     "long-line.ply": b"ply\n" + b"comment " + b"x" * 2_000_000,
-    "type.ply": b"ply\nformat ascii 1.0\nelement vertex 3\nproperty banana x\nend_header\n" + _TRIANGLE,
+    "type.ply": b"ply\nformat ascii 1.0\nelement vertex 3\nproperty banana x\nend_header\n"
+    + _TRIANGLE,
     "index.obj": _OBJ + b"f 1 2 99999999999\n",
     "zero.obj": _OBJ + b"f 0 1 2\n",
     "zero-texture.obj": _OBJ + b"f 1/1 0/2 3/3\n",
@@ -85,7 +86,9 @@ UNUSUAL = {
     "slashes.obj": _OBJ + b"f 1//1 2/2 3\n",
     "texture-zero.obj": _OBJ + b"f 1/0 2/0 3/0\n",
     "path.obj": b"mtllib ../../../../etc/passwd\nusemtl x\n" + _OBJ + b"f 1 2 3\n",
-    "path.ply": _ply(b"3", b"1", first=b"comment TextureFile ../../../etc/passwd\n") + _TRIANGLE + b"3 0 1 2\n",
+    "path.ply": _ply(b"3", b"1", first=b"comment TextureFile ../../../etc/passwd\n")
+    + _TRIANGLE
+    + b"3 0 1 2\n",
 }
 
 
@@ -125,12 +128,24 @@ def test_an_unusual_file_is_read(tmp_path, name):
     np.testing.assert_array_equal(mesh.faces, [[0, 1, 2]])
 
 
-_NUMBERS = (b"-1", b"0", b"999999999999", b"1e400", b"nan", b"inf", b"0x10", b"4294967296", b"", b"1.5", b"\xff\xfe")
+_NUMBERS = (
+    b"-1",
+    b"0",
+    b"999999999999",
+    b"1e400",
+    b"nan",
+    b"inf",
+    b"0x10",
+    b"4294967296",
+    b"",
+    b"1.5",
+    b"\xff\xfe",
+)
 _ENCODINGS = ("utf-16", "utf-8-sig", "utf-32")
 
 
 def _mutated(content, rng):
-    """Return a file that was truncated, overwritten, spliced, recoded, or had its counts changed."""
+    """Return a file that was truncated, overwritten, spliced, recoded, or had counts changed."""
     for _ in range(rng.randint(1, 4)):
         at = rng.randrange(len(content) + 1)
         end = min(len(content), at + rng.randint(1, 300))
@@ -138,7 +153,9 @@ def _mutated(content, rng):
         if kind == 0:
             content = content[:at]
         elif kind == 1:
-            content = content[:at] + bytes(rng.randrange(256) for _ in range(end - at)) + content[end:]
+            content = (
+                content[:at] + bytes(rng.randrange(256) for _ in range(end - at)) + content[end:]
+            )
         elif kind == 2:
             content = content[:at] + bytes(rng.randrange(256) for _ in range(20)) + content[at:]
         elif kind == 3:
@@ -167,7 +184,10 @@ def _seed_files():
     for kind, options in kinds.items():
         for option in options:
             content = sound.export(file_type=kind, **option)
-            yield kind.removesuffix("_ascii"), content if isinstance(content, bytes) else content.encode()
+            yield (
+                kind.removesuffix("_ascii"),
+                content if isinstance(content, bytes) else content.encode(),
+            )
 
 
 # SKFMAP_FUZZ=3000 for fifty times as many.
@@ -209,7 +229,9 @@ HOSTILE_TRUTHS = {
     "f.vertices.npy": _npy(np.full(_N_VERTICES, 2**64 - 1, dtype=np.uint64)),
     "f.template.npy": _npy(np.array([print], dtype=object)),
     "f.npy": _archive(),
-    "big/f.npy": _npy(_LISTED, b"{'descr': '<i8', 'fortran_order': False, 'shape': (1000000000000,)}"),
+    "big/f.npy": _npy(
+        _LISTED, b"{'descr': '<i8', 'fortran_order': False, 'shape': (1000000000000,)}"
+    ),
     "deep/f.npy": _npy(_LISTED, b"(" * 5000),
     "minus/f.npy": _npy(_LISTED, b"{'descr': '<i8', 'fortran_order': False, 'shape': (-3,)}"),
     "structured/f.npy": _npy(np.zeros(3, dtype=[("a", "<i8"), ("b", "<i8")])),
@@ -247,7 +269,9 @@ def _mesh_in(folder):
 def test_hostile_correspondences_are_errors_of_our_own(tmp_path, name):
     folder = (tmp_path / name).parent
     _mesh_in(folder)
-    assert isinstance(_read_truth(folder, (tmp_path / name).name, HOSTILE_TRUTHS[name]), CorrespondenceError)
+    assert isinstance(
+        _read_truth(folder, (tmp_path / name).name, HOSTILE_TRUTHS[name]), CorrespondenceError
+    )
 
 
 @pytest.mark.parametrize(
@@ -279,13 +303,19 @@ _NAMING_ANOTHER = {
 
 
 def test_no_path_is_taken_from_a_file(tmp_path):
-    """Meshes that name another file, which is a pipe that nobody writes to: whoever opens it waits for ever."""
+    """Meshes may name another file, which can be a pipe: whoever opens it waits for ever."""
     os.mkfifo(tmp_path / "secret.mtl")
     for name, content in _NAMING_ANOTHER.items():
         (tmp_path / name).write_bytes(content)
-    code = f"from skfmap.io import read_mesh; print(*(read_mesh(name).n_faces for name in {list(_NAMING_ANOTHER)}))"
+    names = list(_NAMING_ANOTHER)
+    code = f"from skfmap.io import read_mesh; print(*(read_mesh(name).n_faces for name in {names}))"
     done = subprocess.run(
-        [sys.executable, "-c", code], capture_output=True, text=True, check=True, timeout=60, cwd=tmp_path
+        [sys.executable, "-c", code],
+        capture_output=True,
+        text=True,
+        check=True,
+        timeout=60,
+        cwd=tmp_path,
     )
     assert done.stdout == "1 1\n"
 
@@ -294,6 +324,9 @@ def test_the_reader_says_nothing_on_the_side(tmp_path):
     """Trimesh logs tracebacks where nobody listens."""
     path = tmp_path / "f.stl"
     path.write_bytes(HOSTILE["solid.stl"])
-    code = f"from skfmap.io import read_mesh\ntry:\n    read_mesh({str(path)!r})\nexcept ValueError:\n    pass"
+    code = (
+        "from skfmap.io import read_mesh\n"
+        f"try:\n    read_mesh({str(path)!r})\nexcept ValueError:\n    pass"
+    )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert (done.stdout, done.stderr) == ("", "")

@@ -7,7 +7,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from skfmap.geometry.curvature import clip_by_area, gaussian_curvature, log_magnitude, mean_curvature
+from skfmap.geometry.curvature import (
+    clip_by_area,
+    gaussian_curvature,
+    log_magnitude,
+    mean_curvature,
+)
 from skfmap.geometry.faults import (
     boundary_vertices,
     count_components,
@@ -41,7 +46,9 @@ def sphere():
 def torus():
     u, v = np.meshgrid(np.arange(40), np.arange(24), indexing="ij")
     a, b = 2 * np.pi * u / 40, 2 * np.pi * v / 24
-    vertices = np.stack([(2 + np.cos(b)) * np.cos(a), (2 + np.cos(b)) * np.sin(a), np.sin(b)], -1).reshape(-1, 3)
+    vertices = np.stack(
+        [(2 + np.cos(b)) * np.cos(a), (2 + np.cos(b)) * np.sin(a), np.sin(b)], -1
+    ).reshape(-1, 3)
     at = lambda i, j: (i % 40) * 24 + j % 24
     lower = np.stack([at(u, v), at(u + 1, v), at(u + 1, v + 1)], -1).reshape(-1, 3)
     upper = np.stack([at(u, v), at(u + 1, v + 1), at(u, v + 1)], -1).reshape(-1, 3)
@@ -72,7 +79,9 @@ def test_cotangent_laplacian_is_gradient_transposed_times_gradient(torus):
 def test_gauss_bonnet(shape, euler, request):
     vertices, faces = request.getfixturevalue(shape)
     _, mass = cotangent_laplacian(vertices, faces)
-    assert gaussian_curvature(vertices, faces, mass) @ mass == pytest.approx(2 * np.pi * euler, abs=1e-9)
+    assert gaussian_curvature(vertices, faces, mass) @ mass == pytest.approx(
+        2 * np.pi * euler, abs=1e-9
+    )
 
 
 @pytest.mark.parametrize("radius", [0.5, 1.0, 3.0])
@@ -81,7 +90,9 @@ def test_curvatures_of_a_sphere(sphere, radius):
     stiffness, mass = cotangent_laplacian(vertices, faces)
     middle = np.median(mean_curvature(vertices, faces, stiffness, mass))
     assert middle == pytest.approx(1 / radius, rel=0.03)
-    assert np.median(gaussian_curvature(vertices, faces, mass)) == pytest.approx(1 / radius**2, rel=0.05)
+    assert np.median(gaussian_curvature(vertices, faces, mass)) == pytest.approx(
+        1 / radius**2, rel=0.05
+    )
 
 
 def test_curvature_on_the_boundary_is_that_of_the_neighbours(sphere):
@@ -98,7 +109,9 @@ def test_curvature_on_the_boundary_is_that_of_the_neighbours(sphere):
         assert (curvature[rim] >= inside.min()).all()
         assert (curvature[rim] <= inside.max()).all()
     triangle = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0]])
-    assert (gaussian_curvature(triangle, np.array([[0, 1, 2]]), np.full(3, 1 / 6)) == 0).all()  # nobody inside
+    assert (
+        gaussian_curvature(triangle, np.array([[0, 1, 2]]), np.full(3, 1 / 6)) == 0
+    ).all()  # nobody inside
 
 
 @given(st.integers(0, 2**31), st.floats(0, 40))
@@ -122,11 +135,14 @@ def test_gaussian_averages_keep_constants_and_integrals_and_damp_known_modes(sph
     vertices, faces = sphere
     stiffness, mass = cotangent_laplacian(vertices, faces)
     scales = np.array([0.1, 0.3])
-    np.testing.assert_allclose(gaussian_averages(np.ones(len(mass)), stiffness, mass, scales), 1, rtol=1e-9)
+    np.testing.assert_allclose(
+        gaussian_averages(np.ones(len(mass)), stiffness, mass, scales), 1, rtol=1e-9
+    )
     height = vertices[:, 2]
     averages = gaussian_averages(height, stiffness, mass, scales)
     np.testing.assert_allclose(mass @ averages, 0, atol=1e-9)
-    # A coordinate is an eigenfunction with eigenvalue 2: at time sigma^2 / 2 it is damped by exp(-sigma^2).
+    # A coordinate is an eigenfunction with eigenvalue 2: at time sigma^2 / 2 it is damped by
+    # exp(-sigma^2).
     damping = (averages * (mass * height)[:, None]).sum(axis=0) / (mass @ height**2)
     np.testing.assert_allclose(damping, np.exp(-(scales**2)), rtol=3e-3)
 
@@ -144,7 +160,8 @@ def test_saliency_is_nil_on_a_sphere_and_not_on_a_bump(sphere):
 def test_oriented_product_integrates_the_bracket_of_coordinates(sphere):
     vertices, faces = sphere
     x, y, z = vertices.T
-    # On the unit sphere <grad x x grad y, n> = z, so its integral against z is 4 pi / 3, and against x it is nil.
+    # On the unit sphere <grad x x grad y, n> = z, so its integral against z is 4 pi / 3, and
+    # against x it is nil.
     integral = integrated_oriented_products(x[:, None], y[:, None], faces)[:, 0]
     assert integral @ z == pytest.approx(4 * np.pi / 3, rel=0.02)
     assert abs(integral @ x) < 1e-9
@@ -155,7 +172,9 @@ def test_oriented_product_is_antisymmetric_and_changes_sign_with_the_winding(tor
     f, g = np.random.default_rng(0).standard_normal((2, len(vertices), 3))
     product = integrated_oriented_products(f, g, faces)
     np.testing.assert_allclose(integrated_oriented_products(g, f, faces), -product, atol=1e-12)
-    np.testing.assert_allclose(integrated_oriented_products(f, g, faces[:, [0, 2, 1]]), -product, atol=1e-12)
+    np.testing.assert_allclose(
+        integrated_oriented_products(f, g, faces[:, [0, 2, 1]]), -product, atol=1e-12
+    )
     np.testing.assert_allclose(product.sum(axis=0), 0, atol=1e-9)
 
 
@@ -172,7 +191,9 @@ def test_signed_volume_of_a_sphere_and_of_one_with_a_hole(sphere):
 def test_any_winding_is_turned_outwards(n_missing, seed):
     vertices, faces = subdivided_octahedron(2)
     faces = faces[n_missing:]
-    flipped = np.where(np.random.default_rng(seed).random(len(faces))[:, None] < 0.5, faces[:, ::-1], faces)
+    flipped = np.where(
+        np.random.default_rng(seed).random(len(faces))[:, None] < 0.5, faces[:, ::-1], faces
+    )
     oriented, consistent, outward = orient_faces(vertices, flipped)
     assert consistent
     assert outward
@@ -187,7 +208,9 @@ def test_a_flat_sheet_has_no_outside_and_a_moebius_band_no_winding():
     assert not outward
     n = 12
     angle = 2 * np.pi * np.arange(n) / n
-    across = np.stack([np.cos(angle / 2) * np.cos(angle), np.cos(angle / 2) * np.sin(angle), np.sin(angle / 2)], 1)
+    across = np.stack(
+        [np.cos(angle / 2) * np.cos(angle), np.cos(angle / 2) * np.sin(angle), np.sin(angle / 2)], 1
+    )
     middle = 2 * np.stack([np.cos(angle), np.sin(angle), 0 * angle], 1)
     band = np.concatenate([middle - 0.3 * across, middle + 0.3 * across])
     here = np.arange(n)
@@ -204,7 +227,13 @@ def test_faults_by_hand():
     assert count_components(np.array([[0, 1, 2], [3, 4, 5]]), 7) == 3
     assert not is_wound_consistently(np.array([[0, 1, 2], [0, 1, 3]]))
     assert nonmanifold_edges(np.array([[0, 1, 2], [0, 1, 3], [1, 0, 4]])).tolist() == [[0, 1]]
-    assert edges_of(np.array([[0, 1, 2], [2, 1, 3]])).tolist() == [[0, 1], [0, 2], [1, 2], [1, 3], [2, 3]]
+    assert edges_of(np.array([[0, 1, 2], [2, 1, 3]])).tolist() == [
+        [0, 1],
+        [0, 2],
+        [1, 2],
+        [1, 3],
+        [2, 3],
+    ]
     flat = np.array([[0.0, 0, 0], [1, 0, 0], [2, 0, 0], [0, 1, 0]])
     assert degenerate_faces(flat, np.array([[0, 1, 2], [0, 1, 3]])).tolist() == [0]
 
@@ -243,7 +272,9 @@ def test_landmarks_share_all_the_area(sphere):
     landmarks = np.array([3, 100, 55, 700])
     areas = areas_of_landmarks(vertices, faces, mass, landmarks)
     assert areas.sum() == pytest.approx(mass.sum())
-    np.testing.assert_allclose(areas_of_landmarks(vertices, faces, mass, np.arange(len(mass))), mass)
+    np.testing.assert_allclose(
+        areas_of_landmarks(vertices, faces, mass, np.arange(len(mass))), mass
+    )
 
 
 def test_farthest_vertices_are_spread(sphere):
@@ -266,7 +297,9 @@ def test_curvature_does_not_change_under_rigid_motion(seed, scale):
 
     def curvatures(points):
         stiffness, mass = cotangent_laplacian(points, faces)
-        return gaussian_curvature(points, faces, mass), mean_curvature(points, faces, stiffness, mass)
+        return gaussian_curvature(points, faces, mass), mean_curvature(
+            points, faces, stiffness, mass
+        )
 
     for before, after, power in zip(curvatures(vertices), curvatures(moved), (2, 1), strict=True):
         np.testing.assert_allclose(after * scale**power, before, rtol=1e-6, atol=1e-6)

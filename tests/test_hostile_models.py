@@ -45,7 +45,9 @@ def _write(path, members, compression=zipfile.ZIP_STORED):
 
 
 def _with_schema(path, schema):
-    return _write(path, {"schema.json": json.dumps({**schema, "protocol": 2, "_skops_version": "0.13.0"})})
+    return _write(
+        path, {"schema.json": json.dumps({**schema, "protocol": 2, "_skops_version": "0.13.0"})}
+    )
 
 
 class Runs:
@@ -63,7 +65,9 @@ def test_a_pickle_is_not_loaded(tmp_path, dump):
     mark, path = tmp_path / "mark", tmp_path / "model.skops"
     with path.open("wb") as file:
         dump(Runs(mark), file)
-    with pytest.raises(ValueError, match=r"is no sound file of save_model: BadZipFile.*Was it written by joblib or"):
+    with pytest.raises(
+        ValueError, match=r"is no sound file of save_model: BadZipFile.*Was it written by joblib or"
+    ):
         load_model(path)
     assert not mark.exists()
 
@@ -71,9 +75,24 @@ def test_a_pickle_is_not_loaded(tmp_path, dump):
 # How each loader of skops would be told to reach a module that leaves a mark when it is imported.
 def _attacks(module):
     evil = {"__class__": "run", "__module__": module}
-    number = {"__class__": "str", "__module__": "builtins", "__loader__": "JsonNode", "content": "1", "is_json": True}
-    arguments = {"__class__": "tuple", "__module__": "builtins", "__loader__": "TupleNode", "content": [number]}
-    function = {**evil, "__loader__": "FunctionNode", "content": {"module_path": module, "function": "run"}}
+    number = {
+        "__class__": "str",
+        "__module__": "builtins",
+        "__loader__": "JsonNode",
+        "content": "1",
+        "is_json": True,
+    }
+    arguments = {
+        "__class__": "tuple",
+        "__module__": "builtins",
+        "__loader__": "TupleNode",
+        "content": [number],
+    }
+    function = {
+        **evil,
+        "__loader__": "FunctionNode",
+        "content": {"module_path": module, "function": "run"},
+    }
     keys = {"__class__": "list", "__module__": "builtins", "__loader__": "ListNode", "content": []}
     contents = {
         "content": arguments,
@@ -94,9 +113,16 @@ def _attacks(module):
         "content_type": "state",
     }
     for loader, protocol in sorted(set(skops_io._audit.NODE_TYPE_MAPPING)):
-        yield f"{loader}, protocol {protocol}", {**contents, **evil, "__loader__": loader, "protocol": protocol}
+        yield (
+            f"{loader}, protocol {protocol}",
+            {**contents, **evil, "__loader__": loader, "protocol": protocol},
+        )
         nested = {"func": function, "obj": function}
-        inside = {**function, "content": {**nested, "module_path": module, "function": "run"}, "__loader__": loader}
+        inside = {
+            **function,
+            "content": {**nested, "module_path": module, "function": "run"},
+            "__loader__": loader,
+        }
         yield (
             f"{loader} in a list, protocol {protocol}",
             {**keys, "content": [inside], "protocol": protocol},
@@ -105,14 +131,20 @@ def _attacks(module):
 
 def test_no_loader_reaches_a_module_that_is_no_part_of_a_model(tmp_path, monkeypatch):
     """Neither the audit nor the loading imports what a file names."""
-    (tmp_path / "evil_module.py").write_text(f"open({str(tmp_path / 'mark')!r}, 'w')\ndef run(*a, **k): pass\n")
+    (tmp_path / "evil_module.py").write_text(
+        f"open({str(tmp_path / 'mark')!r}, 'w')\ndef run(*a, **k): pass\n"
+    )
     monkeypatch.syspath_prepend(tmp_path)
     attacks = dict(_attacks("evil_module"))
     assert len(attacks) > 40
     for attack, schema in attacks.items():
         path = tmp_path / "model.skops"
-        _write(path, {"schema.json": json.dumps({"_skops_version": "0.13.0", **schema}), "1.npy": b""})
-        with pytest.raises((TypeError, ValueError), match=r"no part of a model of skfmap: .*run|is no sound file"):
+        _write(
+            path, {"schema.json": json.dumps({"_skops_version": "0.13.0", **schema}), "1.npy": b""}
+        )
+        with pytest.raises(
+            (TypeError, ValueError), match=r"no part of a model of skfmap: .*run|is no sound file"
+        ):
             load_model(path)
         assert "evil_module" not in sys.modules, attack
         assert not (tmp_path / "mark").exists(), attack
@@ -141,7 +173,9 @@ def test_what_no_model_is_made_of_is_refused(tmp_path, stranger):
 def test_a_file_cannot_name_a_cache(fitted, collection, tmp_path, monkeypatch):
     """A cache is read with pickle: a model with one beside it would run what lies there."""
     basis = skfmap.SpectralBasis(30, memory=str(tmp_path / "cache"))
-    model = make_pipeline(basis, skfmap.DescriptorTransformer(), fitted, memory=str(tmp_path / "steps"))
+    model = make_pipeline(
+        basis, skfmap.DescriptorTransformer(), fitted, memory=str(tmp_path / "steps")
+    )
     path = tmp_path / "model.skops"
     skops_io.dump(model, path)  # as a stranger would
     loaded = load_model(path)
@@ -156,23 +190,25 @@ def test_a_file_cannot_name_a_cache(fitted, collection, tmp_path, monkeypatch):
 
 
 def test_a_step_in_an_array_of_objects_is_refused(fitted, tmp_path):
-    """Arrays of objects hold names of probes; an estimator there would keep the cache that the file names."""
+    """Arrays of objects hold names of probes; an estimator there would bring its own cache."""
     model = make_pipeline(skfmap.SpectralBasis(30, memory=str(tmp_path / "cache")), fitted)
     step = np.empty(2, dtype=object)
     step[:] = list(model.steps[0])
     model.steps = [step, model.steps[1]]
     skops_io.dump(model, tmp_path / "model.skops")
-    with pytest.raises(TypeError, match=r"no part of a model of skfmap.*skfmap.basis.SpectralBasis"):
+    with pytest.raises(
+        TypeError, match=r"no part of a model of skfmap.*skfmap.basis.SpectralBasis"
+    ):
         load_model(tmp_path / "model.skops")
 
 
 def test_a_mesh_is_made_by_its_constructor_alone(saved, tmp_path):
-    """One that is put together from a state would not be checked, and could bring a hash of its own."""
+    """One made from a state would not be checked, and could bring a hash of its own."""
     members = _members(saved)
     schema = json.loads(members["schema.json"])
-    spectral = schema["content"]["content"]["matcher_"]["content"]["content"]["reference"]["content"]["content"][
-        "spectral"
-    ]["content"]["content"]
+    spectral = schema["content"]["content"]["matcher_"]["content"]["content"]["reference"][
+        "content"
+    ]["content"]["spectral"]["content"]["content"]
     spectral["mesh"] |= {"__loader__": "ObjectNode"}
     members["schema.json"] = json.dumps(schema).encode()
     with pytest.raises(TypeError, match=r"no part of a model of skfmap: skfmap.shapes.mesh.Mesh\."):
@@ -193,10 +229,23 @@ def test_what_a_shape_computes_of_itself_is_not_read(fitted, tmp_path):
 def test_one_array_that_is_read_many_times_cannot_fill_the_memory(saved, tmp_path):
     members = _members(saved)
     name = next(name for name in members if name.endswith(".npy"))
-    node = {"__class__": "ndarray", "__module__": "numpy", "__loader__": "NdArrayNode", "type": "numpy", "file": name}
-    schema = {"__class__": "list", "__module__": "builtins", "__loader__": "ListNode", "content": [node, node]}
+    node = {
+        "__class__": "ndarray",
+        "__module__": "numpy",
+        "__loader__": "NdArrayNode",
+        "type": "numpy",
+        "file": name,
+    }
+    schema = {
+        "__class__": "list",
+        "__module__": "builtins",
+        "__loader__": "ListNode",
+        "content": [node, node],
+    }
     members["schema.json"] = json.dumps(json.loads(members["schema.json"]) | schema).encode()
-    with pytest.raises(ValueError, match="it reads one array several times, as save_model never writes it"):
+    with pytest.raises(
+        ValueError, match="it reads one array several times, as save_model never writes it"
+    ):
         load_model(_write(tmp_path / "model.skops", members))
 
 
@@ -216,7 +265,10 @@ def test_a_packed_file_cannot_fill_the_memory(saved, tmp_path):
 
 @pytest.mark.parametrize(
     "head",
-    [b"{'descr': '<f8', 'fortran_order': False, 'shape': (1000000000000,), }", b"{'descr': '|O', 'shape': (2,)}"],
+    [
+        b"{'descr': '<f8', 'fortran_order': False, 'shape': (1000000000000,), }",
+        b"{'descr': '|O', 'shape': (2,)}",
+    ],
 )
 def test_arrays_that_say_more_than_they_hold_are_errors(saved, tmp_path, head):
     members = _members(saved)
@@ -255,14 +307,20 @@ def _out_of_range(array):
 def test_parts_that_do_not_fit_are_errors(saved, tmp_path, path, change, message):
     members = _members(saved)
     _swap_array(members, path, change)
-    with pytest.raises(ValueError, match=f"is no sound file of save_model: ValueError: the {message} have shape"):
+    with pytest.raises(
+        ValueError, match=f"is no sound file of save_model: ValueError: the {message} have shape"
+    ):
         load_model(_write(tmp_path / "model.skops", members))
 
 
 def test_indices_that_compiled_code_would_follow_are_checked(saved, tmp_path):
     """Faces of the reference, and the sparse stiffness matrix."""
     members = _members(saved)
-    faces = next(name for name, array in _arrays(members) if array.dtype.kind == "i" and array.shape[-1:] == (3,))
+    faces = next(
+        name
+        for name, array in _arrays(members)
+        if array.dtype.kind == "i" and array.shape[-1:] == (3,)
+    )
     buffer = BytesIO()
     np.save(buffer, _out_of_range(np.load(BytesIO(members[faces]))))
     with pytest.raises(ValueError, match="is no sound file of save_model: MeshError"):
@@ -279,7 +337,11 @@ def _with_stray_indices(members):
             parts = dict(stored)
         np.savez(buffer, **{**parts, "indices": _out_of_range(parts["indices"])})
         return {**members, sparse[0]: buffer.getvalue()}
-    flat = [(name, array) for name, array in _arrays(members) if array.dtype.kind == "i" and array.ndim == 1]
+    flat = [
+        (name, array)
+        for name, array in _arrays(members)
+        if array.dtype.kind == "i" and array.ndim == 1
+    ]
     name, indices = max(flat, key=lambda one: one[1].size)
     np.save(buffer, _out_of_range(indices))
     return {**members, name: buffer.getvalue()}
@@ -291,12 +353,16 @@ def _arrays(members):
             yield name, np.load(BytesIO(content))
 
 
-_CHANGES = st.lists(st.tuples(st.floats(0, 1, exclude_max=True), st.integers(1, 255)), min_size=1, max_size=4)
+_CHANGES = st.lists(
+    st.tuples(st.floats(0, 1, exclude_max=True), st.integers(1, 255)), min_size=1, max_size=4
+)
 
 
 @given(changes=_CHANGES, kept=st.floats(0.01, 1), in_tree=st.booleans(), whole=st.booleans())
 @settings(max_examples=150)
-def test_damaged_files_are_loaded_whole_or_refused(saved, tmp_path_factory, changes, kept, in_tree, whole):
+def test_damaged_files_are_loaded_whole_or_refused(
+    saved, tmp_path_factory, changes, kept, in_tree, whole
+):
     """Cut short, or with bytes changed: one error, or a learner."""
     content = bytearray(saved if whole else saved[: int(kept * len(saved))])
     # The tree lies at the end of the file: what is changed there is structure, elsewhere numbers.
@@ -328,7 +394,9 @@ def test_what_is_no_model_file_is_said_to_be_none(tmp_path, content):
         load_model(tmp_path / "none.skops")
 
 
-@pytest.mark.parametrize("schema", [[], {}, "x", {"__loader__": "ObjectNode"}, {"__loader__": 3}, {"content": [[[]]]}])
+@pytest.mark.parametrize(
+    "schema", [[], {}, "x", {"__loader__": "ObjectNode"}, {"__loader__": 3}, {"content": [[[]]]}]
+)
 def test_trees_without_a_model_are_errors(tmp_path, schema):
     path = _write(tmp_path / "model.skops", {"schema.json": json.dumps(schema)})
     with pytest.raises((TypeError, ValueError), match=r"is no sound file|no part of a model"):

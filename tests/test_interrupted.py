@@ -33,9 +33,10 @@ for mesh in stretched:
 
 @pytest.fixture(scope="module")
 def start():
-    """Return a function that starts to work in a process of its own: the process, and where it tells of its work.
+    """Return a function that starts to work in a process: that, and where it tells of its work.
 
-    Where it can be, it is forked from one that has imported the package, which takes longer than the work.
+    Where it can be, it is forked from one that has imported the package, which takes longer than
+    the work.
     """
     methods = multiprocessing.get_all_start_methods()
     context = multiprocessing.get_context("forkserver" if "forkserver" in methods else "spawn")
@@ -43,7 +44,9 @@ def start():
 
     def start_work(folder, code=_WORK):
         told, tell = context.Pipe(duplex=False)
-        process = context.Process(target=exec, args=(code, {"folder": str(folder), "tell": tell.send}))
+        process = context.Process(
+            target=exec, args=(code, {"folder": str(folder), "tell": tell.send})
+        )
         process.start()
         tell.close()
         return process, told
@@ -144,7 +147,9 @@ def test_a_cache_that_cannot_be_written_to_is_read(tmp_path, monkeypatch):
     monkeypatch.setattr(Path, "mkdir", read_only)
     (again,) = SpectralBasis(20, memory=str(tmp_path)).transform([known])
     np.testing.assert_array_equal(again.evecs, first.evecs)
-    with pytest.warns(CacheWarning, match="cannot be written to .*Read-only.*computed and not kept"):
+    with pytest.warns(
+        CacheWarning, match="cannot be written to .*Read-only.*computed and not kept"
+    ):
         (shape,) = SpectralBasis(20, memory=str(tmp_path)).transform([other])
     np.testing.assert_array_equal(shape.evecs, SpectralBasis(20).transform([other])[0].evecs)
     assert len(list(tmp_path.rglob("output.pkl"))) == 1

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 import trimesh
 
-from skfmap import Mesh
+from skfmap import Mesh, SpectralBasis, check_mesh
 from skfmap.datasets import make_sphere
-from skfmap.exceptions import MeshError
+from skfmap.exceptions import MeshError, RepairWarning
 from skfmap.io import MESH_SUFFIXES, as_mesh, as_meshes, read_mesh, write_mesh
 
 EXACT = [".off", ".obj", ".ply"]
@@ -124,11 +124,16 @@ def test_obj_keeps_its_vertices_or_is_refused(write, faces):
         assert "a.obj" in str(error)  # noqa: PT017
     else:
         np.testing.assert_array_equal(mesh.vertices, [[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]])
-        assert sorted(map(sorted, mesh.faces.tolist())) == [[0, 1, 2], [0, 1, 3], [0, 2, 3], [1, 2, 3]]
+        assert sorted(map(sorted, mesh.faces.tolist())) == [
+            [0, 1, 2],
+            [0, 1, 3],
+            [0, 2, 3],
+            [1, 2, 3],
+        ]
 
 
 def test_obj_that_loses_one_vertex_and_gains_another_is_not_renumbered(write):
-    """Vertex 0 is used by no face and vertex 2 is split by a texture seam: the count alone does not tell."""
+    """No face uses vertex 0 and a texture seam splits vertex 2: the count alone does not tell."""
     vertices = [[9, 9, 9], [0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]]
     text = "".join(f"v {x} {y} {z}\n" for x, y, z in vertices) + "vt 0 0\nvt 1 1\n"
     text += "f 2/1 4/1 3/1\nf 2/1 3/2 5/1\nf 2/1 5/1 4/1\nf 3/1 4/1 5/1\n"
@@ -187,7 +192,10 @@ def test_off_comments_are_no_data(write, tetrahedron, head, old, new):
 
 
 def test_off_colours_are_left_out(write, tetrahedron):
-    body = "0 0 0 9 9 9 9\n1 0 0 9 9 9 9\n0 1 0 9 9 9 9\n0 0 1 9 9 9 9\n3 0 2 1 255 0 0\n" + OFF_BODY[32:]
+    body = (
+        "0 0 0 9 9 9 9\n1 0 0 9 9 9 9\n0 1 0 9 9 9 9\n0 0 1 9 9 9 9\n3 0 2 1 255 0 0\n"
+        + OFF_BODY[32:]
+    )
     mesh = read_mesh(write("a.off", "COFF\n4 4 6\n" + body))
     np.testing.assert_array_equal(mesh.vertices, tetrahedron[0])
     np.testing.assert_array_equal(mesh.faces, tetrahedron[1])
@@ -222,7 +230,9 @@ def test_truncated_text_is_refused(tmp_path, file_type, share):
     path = tmp_path / f"a.{file_type[:3]}"
     sphere = make_sphere(2)
     options = {"encoding": "ascii"} if file_type == "ply" else {}
-    trimesh.Trimesh(sphere.vertices, sphere.faces, process=False).export(path, file_type=file_type, **options)
+    trimesh.Trimesh(sphere.vertices, sphere.faces, process=False).export(
+        path, file_type=file_type, **options
+    )
     content = path.read_bytes()
     path.write_bytes(content[: int(share * len(content))])
     with pytest.raises(MeshError, match=r"\ba\b|/a\."):
@@ -349,7 +359,10 @@ def test_paths_in_a_string_array_are_paths(forms):
 
 
 def test_the_import_brings_in_neither_trimesh_nor_matplotlib():
-    code = "import sys, skfmap; print([name for name in ('trimesh', 'matplotlib') if name in sys.modules])"
+    code = (
+        "import sys, skfmap; heavy = ('trimesh', 'matplotlib'); "
+        "print([name for name in heavy if name in sys.modules])"
+    )
     found = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert found.stdout.strip() == "[]"
 
@@ -374,3 +387,52 @@ def test_minus_zero_is_no_vertex(tmp_path):
     (tmp_path / "a.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\nf 1 2 -0\n")
     with pytest.raises(MeshError, match="vertex 0"):
         read_mesh(tmp_path / "a.obj")
+
+
+def _loose(mesh, name):
+    """Return the mesh with a vertex in front of all others that no face uses."""
+    return Mesh(np.concatenate([[[9.0, 9, 9]], mesh.vertices]), mesh.faces + 1, name)
+
+
+def test_a_list_of_two_tables_is_a_mesh_everywhere():
+    ball = _loose(make_sphere(n_subdivisions=2), "ball")
+    pair = [ball.vertices.tolist(), ball.faces.tolist()]
+    assert [fault.kind for fault in check_mesh(pair).faults] == ["unreferenced vertices"]
+    with pytest.warns(RepairWarning, match="shape 0"):
+        (shape,) = SpectralBasis(10, on_invalid="repair").transform([pair])
+    assert shape.mesh.n_vertices == 66
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "faces"),
+    [
+        (
+            "relative.obj",
+            "v 0 0 0\nv 1 0 0\nv 1 1 0\nf -3 -2 -1\nv 0 0 5\nv 1 0 5\nv 1 1 5\nf -3 -2 -1\n",
+            [[0, 1, 2], [3, 4, 5]],
+        ),
+        ("comments.obj", "v 0 0 0 # one\nv 1 0 0\nv 1 1 0\nf 1 2 3 # face\n# end", [[0, 1, 2]]),
+        ("returns.obj", "v 0 0 0\rv 1 0 0\rv 1 1 0\rf 1 2 3\r", [[0, 1, 2]]),
+        (
+            "longer.off",
+            "OFF\n4 1 0\n0 0 0\n1 0 0\n0 1 0\n1 1 0\n3 0 1 2\n3 1 2 3\n",
+            "but more lines follow",
+        ),
+        (
+            "fraction.ply",
+            "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float "
+            "y\nproperty float z\nelement face 1\nproperty list uchar int "
+            "vertex_indices\nend_header\n0 0 0\n1 0 0\n0 1 0\n3 0 1 2.7\n",
+            "no whole numbers",
+        ),
+        ("before.obj", "v 0 0 0\nv 1 0 0\nv 1 1 0\nf -4 -2 -1\n", "vertex 0"),
+    ],
+)
+def test_files_say_one_thing(tmp_path, name, content, faces):
+    path = tmp_path / name
+    path.write_bytes(content.encode())
+    if isinstance(faces, str):
+        with pytest.raises(MeshError, match=faces):
+            read_mesh(path)
+    else:
+        assert read_mesh(path).faces.tolist() == faces

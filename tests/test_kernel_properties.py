@@ -1,4 +1,4 @@
-"""Laws that the kernels keep for whatever they are given: random spectra, probes, maps, surfaces."""
+"""Laws that the kernels keep for random spectra, probes, maps and surfaces."""
 
 import os
 
@@ -37,7 +37,12 @@ from skfmap.functional.refinement import map_from_point_maps
 from skfmap.functional.regularization import penalty_quadratic
 from skfmap.geometry.curvature import gaussian_curvature
 from skfmap.geometry.faults import components, edges_of
-from skfmap.geometry.geodesics import areas_of_landmarks, edge_path_distances, exact_distances, heat_distances
+from skfmap.geometry.geodesics import (
+    areas_of_landmarks,
+    edge_path_distances,
+    exact_distances,
+    heat_distances,
+)
 from skfmap.geometry.laplacian import LAPLACIANS
 from skfmap.geometry.orientation import orient_faces, signed_volume
 
@@ -83,7 +88,9 @@ def _problem(rng, n, k, m, regularizer="laplacian"):
 
 def _body(rng, n_vertices):
     """Return a star-shaped body of random radius, wound outwards."""
-    points = np.concatenate([np.eye(3), -np.eye(3), rng.standard_normal((n_vertices - 6, 3))])  # around the origin
+    points = np.concatenate(
+        [np.eye(3), -np.eye(3), rng.standard_normal((n_vertices - 6, 3))]
+    )  # around the origin
     points /= np.linalg.norm(points, axis=1, keepdims=True)
     faces = ConvexHull(points).simplices.astype(np.int64)
     inward = np.linalg.det(points[faces]) < 0
@@ -120,7 +127,9 @@ def test_probes_may_be_mixed_by_any_rotation(rng, k, m):
     """At D = I only the span of the probes counts, and how long they are."""
     g_0, g_i, Q = _probes(rng, k, m), _probes(rng, k, m), _orthogonal(rng, m)
     penalty = penalty_of(_spectrum(rng, k), _spectrum(rng, k), 0.1, "laplacian")
-    one, other = (solve_functional_map(a, b, penalty, np.ones(m)) for a, b in ((g_0, g_i), (g_0 @ Q, g_i @ Q)))
+    one, other = (
+        solve_functional_map(a, b, penalty, np.ones(m)) for a, b in ((g_0, g_i), (g_0 @ Q, g_i @ Q))
+    )
     assert_allclose(one, other, atol=1e-9 * max(1, np.abs(one).max()))
 
 
@@ -137,7 +146,9 @@ def test_probes_of_weight_0_are_not_there(rng, k, m):
 
 @given(generators, sizes, positive, regularizers)
 @cases
-def test_penalties_are_positive_least_on_the_diagonal_of_equals_and_proportional(rng, k, alpha, regularizer):
+def test_penalties_are_positive_least_on_the_diagonal_of_equals_and_proportional(
+    rng, k, alpha, regularizer
+):
     evals, evals_0 = _spectrum(rng, k), _spectrum(rng, k)
     penalty = penalty_of(evals, evals_0, alpha, regularizer)
     assert (penalty > 0).all()
@@ -167,11 +178,15 @@ def test_the_gradient_of_the_loss_is_its_slope(rng, n, k, m, regularizer, epsilo
 
 @given(generators, sizes, sizes, positive)
 @cases
-def test_the_norm_is_free_of_rotation_between_0_and_the_rank_and_falls_with_epsilon(rng, rows, k, epsilon):
+def test_the_norm_is_free_of_rotation_between_0_and_the_rank_and_falls_with_epsilon(
+    rng, rows, k, epsilon
+):
     A = rng.standard_normal((rows, k))
     value = rank_norm(A, epsilon)
     assert 0 <= value <= min(rows, k) + 1e-9
-    assert rank_norm(_orthogonal(rng, rows) @ A @ _orthogonal(rng, k), epsilon) == pytest.approx(value, rel=1e-9)
+    assert rank_norm(_orthogonal(rng, rows) @ A @ _orthogonal(rng, k), epsilon) == pytest.approx(
+        value, rel=1e-9
+    )
     assert rank_norm(A, 2 * epsilon) <= value
     assert rank_norm(2 * A, 4 * epsilon) == pytest.approx(value, rel=1e-9)
 
@@ -198,7 +213,13 @@ def test_epsilon_leaves_four_fifths_of_the_singular_values_below_nine_tenths(rng
     assert epsilon_by_rule(3 * differences) == pytest.approx(9 * epsilon, rel=1e-9)
 
 
-@given(generators, st.integers(1, 3), sizes, n_probes, st.sampled_from(["unique", "category", "function"]))
+@given(
+    generators,
+    st.integers(1, 3),
+    sizes,
+    n_probes,
+    st.sampled_from(["unique", "category", "function"]),
+)
 @few_cases
 def test_learning_never_ends_above_where_it_began(rng, n, k, m, weighting):
     categories = [f"family {j % 3}" for j in range(m)]
@@ -224,7 +245,8 @@ def test_learning_never_ends_above_where_it_began(rng, n, k, m, weighting):
 
 
 @given(
-    st.lists(st.text(max_size=3), min_size=1, max_size=15), st.sampled_from([None, "unique", "category", "function"])
+    st.lists(st.text(max_size=3), min_size=1, max_size=15),
+    st.sampled_from([None, "unique", "category", "function"]),
 )
 @cases
 def test_groups_are_numbered_without_gaps_and_follow_their_labels(categories, weighting):
@@ -251,7 +273,9 @@ def test_stable_functions_are_the_best_of_any_number(rng, n, k):
     assert (np.diff(stability) >= -1e-12).all()
     p, other = rng.integers(1, k + 1), _orthogonal(rng, k)
     zero = np.zeros((k, k))
-    error, others = (sum(np.sum(basis_error(A, zero, B[:, :p]) ** 2) for A in differences) for B in (Y, other))
+    error, others = (
+        sum(np.sum(basis_error(A, zero, B[:, :p]) ** 2) for A in differences) for B in (Y, other)
+    )
     assert error <= others * (1 + 1e-9)
     assert error == pytest.approx(np.sum(stability[:p] ** 2), rel=1e-9)
 
@@ -261,10 +285,14 @@ def test_stable_functions_are_the_best_of_any_number(rng, n, k):
 def test_shapes_in_another_order_or_counted_twice_have_the_same_stable_functions(rng, n, k):
     differences = rng.standard_normal((n, k, k))
     _, stability = stable_basis(differences)
-    assert_allclose(stable_basis(differences[rng.permutation(n)])[1], stability, rtol=1e-9, atol=1e-12)
+    assert_allclose(
+        stable_basis(differences[rng.permutation(n)])[1], stability, rtol=1e-9, atol=1e-12
+    )
     twice = np.concatenate([differences, differences[:1]])
     weighted = np.array([2.0, *np.ones(n - 1)])
-    assert_allclose(stable_basis(twice)[1], stable_basis(differences, weighted)[1], rtol=1e-9, atol=1e-12)
+    assert_allclose(
+        stable_basis(twice)[1], stable_basis(differences, weighted)[1], rtol=1e-9, atol=1e-12
+    )
 
 
 # Known maps, points, residuals
@@ -303,7 +331,11 @@ def test_points_and_their_images_meet_in_every_set_of_functions(rng, k):
 @given(generators, sizes, st.integers(1, 40))
 @cases
 def test_residuals_are_semi_definite_and_more_trust_goes_where_they_are_less(rng, k, n):
-    evecs_i, evecs_0, areas = rng.standard_normal((n, k)), rng.standard_normal((n, k)), rng.random(n) + 0.01
+    evecs_i, evecs_0, areas = (
+        rng.standard_normal((n, k)),
+        rng.standard_normal((n, k)),
+        rng.random(n) + 0.01,
+    )
     covariance = residual_covariance(evecs_i, evecs_0, areas, rng.standard_normal((k, k)))
     assert np.linalg.eigvalsh(covariance).min() >= -1e-9 * np.trace(covariance)
     functions = trusted_functions(covariance)
@@ -332,7 +364,10 @@ def test_heat_flows_on_from_where_it_was(rng, k, s, t):
 def test_signatures_know_no_signs_and_no_rotation_of_equal_eigenvalues(rng, k, n_times):
     evals, evecs = _spectrum(rng, k), rng.standard_normal((20, k))
     times, energies = np.sort(rng.random(n_times)) + 1e-3, np.log(np.linspace(1, 60, n_times))
-    heat, wave = heat_kernel_signature(evals, evecs, times), wave_kernel_signature(evals, evecs, energies, 1.0)
+    heat, wave = (
+        heat_kernel_signature(evals, evecs, times),
+        wave_kernel_signature(evals, evecs, energies, 1.0),
+    )
     assert (heat >= 0).all()
     assert (np.diff(heat, axis=1) <= 0).all()
     bounds = (evecs[:, 1:] ** 2).min(axis=1), (evecs[:, 1:] ** 2).max(axis=1)
@@ -365,7 +400,10 @@ def test_the_laplacian_knows_no_motion_and_no_numbering(body, rng, laplacian):
     assert np.linalg.eigvalsh(dense).min() >= -1e-8 * np.abs(dense).max()
     assert (mass > 0).all()
     scale, order = 10.0 ** rng.uniform(-2, 2), rng.permutation(len(vertices))
-    moved = (scale * vertices @ Rotation.random(random_state=rng.integers(2**31)).as_matrix().T + rng.random(3))[order]
+    moved = (
+        scale * vertices @ Rotation.random(random_state=rng.integers(2**31)).as_matrix().T
+        + rng.random(3)
+    )[order]
     again, mass_again = operator(moved, np.argsort(order)[faces])
     assert_allclose(again.toarray(), dense[np.ix_(order, order)], atol=1e-6 * np.abs(dense).max())
     assert_allclose(mass_again, scale**2 * mass[order], rtol=1e-6)
@@ -391,7 +429,9 @@ def test_eigenfunctions_are_orthonormal_and_hold_what_is_projected(body, k):
 def test_curvature_sums_to_that_of_the_sphere(body):
     vertices, faces = body
     _, mass = LAPLACIANS["cotangent"](vertices, faces)
-    assert np.sum(gaussian_curvature(vertices, faces, mass) * mass) == pytest.approx(4 * np.pi, rel=1e-8)
+    assert np.sum(gaussian_curvature(vertices, faces, mass) * mass) == pytest.approx(
+        4 * np.pi, rel=1e-8
+    )
 
 
 @given(bodies, generators)
@@ -399,7 +439,10 @@ def test_curvature_sums_to_that_of_the_sphere(body):
 def test_distances_are_distances(body, rng):
     vertices, faces = body
     everywhere = np.arange(len(vertices))
-    edges, exact = edge_path_distances(vertices, faces, everywhere), exact_distances(vertices, faces, everywhere)
+    edges, exact = (
+        edge_path_distances(vertices, faces, everywhere),
+        exact_distances(vertices, faces, everywhere),
+    )
     heat = heat_distances(vertices, faces, everywhere[:4])
     straight = np.linalg.norm(vertices[:, None] - vertices[None], axis=2)
     near = 1e-6 * straight.max()
@@ -412,7 +455,9 @@ def test_distances_are_distances(body, rng):
     assert (exact <= edges + near).all()
     assert (straight[:4] <= heat + near).all()
     assert (heat <= edges[:4] + near).all()
-    assert_allclose(edge_path_distances(3 * vertices, faces, everywhere), 3 * edges, rtol=1e-9, atol=1e-12)
+    assert_allclose(
+        edge_path_distances(3 * vertices, faces, everywhere), 3 * edges, rtol=1e-9, atol=1e-12
+    )
 
 
 @given(bodies, generators)
@@ -432,7 +477,9 @@ def test_winding_and_volume_know_no_place_and_no_order(body, rng):
     vertices, faces = body
     volume = signed_volume(vertices, faces)
     assert volume > 0
-    assert signed_volume(vertices + 5 * rng.standard_normal(3), faces) == pytest.approx(volume, rel=1e-6)
+    assert signed_volume(vertices + 5 * rng.standard_normal(3), faces) == pytest.approx(
+        volume, rel=1e-6
+    )
     assert signed_volume(vertices, faces[:, [0, 2, 1]]) == pytest.approx(-volume, rel=1e-9)
     turned = faces.copy()
     flipped = rng.random(len(faces)) < rng.random()
@@ -449,7 +496,9 @@ def test_winding_and_volume_know_no_place_and_no_order(body, rng):
 @few_cases
 def test_components_and_edges_are_counted_whatever_the_numbering(several, rng):
     starts = np.cumsum([0] + [len(vertices) for vertices, _ in several])
-    faces = np.concatenate([faces + start for (_, faces), start in zip(several, starts, strict=False)])
+    faces = np.concatenate(
+        [faces + start for (_, faces), start in zip(several, starts, strict=False)]
+    )
     order = rng.permutation(starts[-1])
     shuffled = order[faces][rng.permutation(len(faces))]
     assert len(np.unique(components(shuffled, starts[-1]))) == len(several)

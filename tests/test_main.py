@@ -8,8 +8,10 @@ import numpy as np
 import pytest
 from matplotlib.image import imread
 
+from skfmap import Mesh
 from skfmap.__main__ import main
-from skfmap.exceptions import DisagreementWarning
+from skfmap.datasets import make_sphere
+from skfmap.exceptions import DisagreementWarning, RepairWarning, SkippedShapeWarning
 from skfmap.io import write_mesh
 
 
@@ -18,18 +20,24 @@ def folder(symmetric_collection, tmp_path):
     for mesh, truth in zip(symmetric_collection.meshes, symmetric_collection.truths, strict=True):
         write_mesh(mesh, tmp_path / f"{mesh.name}.off")
         for suffix, pairs in ((".vts", truth.pairs), (".sym.vts", truth.symmetric_pairs)):
-            np.savetxt(tmp_path / f"{mesh.name}{suffix}", pairs[np.argsort(pairs[:, 1]), 0] + 1, fmt="%d")
+            np.savetxt(
+                tmp_path / f"{mesh.name}{suffix}", pairs[np.argsort(pairs[:, 1]), 0] + 1, fmt="%d"
+            )
     return tmp_path
 
 
 def test_main_job_on_a_folder(folder, capsys):
     output = folder / "out"
-    status = main([str(folder), "--output", str(output), "--functions", "10", "--folds", "2", "--jobs", "1"])
+    status = main(
+        [str(folder), "--output", str(output), "--functions", "10", "--folds", "2", "--jobs", "1"]
+    )
     printed = capsys.readouterr().out
     assert status == 0
     table = printed[printed.index("weighting ") :].splitlines()
     assert [row.split()[0] for row in table[1:5]] == ["none", "unique", "category", "function"]
-    assert all(0 < float(cell) < 100 for row in table[1:5] for cell in row.replace("|", " ").split()[-9:])
+    assert all(
+        0 < float(cell) < 100 for row in table[1:5] for cell in row.replace("|", " ").split()[-9:]
+    )
     assert "Leaving out one at a time: body1, body3." in printed
     assert imread(output / "matches.png")[..., :3].std() > 0.05
     assert "body3" in (output / "report.html").read_text(encoding="utf-8")
@@ -62,7 +70,17 @@ def test_a_wrong_correspondence_is_told_once(collection, tmp_path):
             pairs[:, 0] = rng.permutation(pairs[:, 0])
         write_mesh(collection.meshes[i], tmp_path / f"body{i}.off")
         np.savetxt(tmp_path / f"body{i}.txt", pairs, fmt="%d")
-    options = [str(tmp_path), "--output", str(tmp_path / "out"), "--functions", "10", "--folds", "1", "--jobs", "1"]
+    options = [
+        str(tmp_path),
+        "--output",
+        str(tmp_path / "out"),
+        "--functions",
+        "10",
+        "--folds",
+        "1",
+        "--jobs",
+        "1",
+    ]
     with pytest.warns(DisagreementWarning, match="'body3'") as told:
         assert main(options) == 0
     assert [one.category for one in told] == [DisagreementWarning]
@@ -70,7 +88,16 @@ def test_a_wrong_correspondence_is_told_once(collection, tmp_path):
 
 def test_warnings_are_printed_without_lines_of_code(folder):
     (folder / "body1.off").write_text("OFF\n3 1 0\n0 0 0\n")
-    code = [sys.executable, "-m", "skfmap", str(folder), "--output", str(folder / "out"), "--on-invalid", "skip"]
+    code = [
+        sys.executable,
+        "-m",
+        "skfmap",
+        str(folder),
+        "--output",
+        str(folder / "out"),
+        "--on-invalid",
+        "skip",
+    ]
     code += ["--functions", "10", "--folds", "1", "--jobs", "1"]
     done = subprocess.run(code, capture_output=True, text=True, check=True)
     assert done.stderr.splitlines()[0].startswith(
@@ -78,3 +105,45 @@ def test_warnings_are_printed_without_lines_of_code(folder):
     )
     assert "left out: body1\n" in done.stdout
     assert ".py" not in done.stderr
+
+
+@pytest.mark.parametrize("on_invalid", ["repair", "skip"])
+def test_the_command_line_goes_on_without_a_broken_mesh(tmp_path, collection, capsys, on_invalid):
+    folder = tmp_path / "meshes"
+    folder.mkdir()
+    for i, (mesh, truth) in enumerate(zip(collection.meshes[:4], collection.truths, strict=False)):
+        vertices, faces, pairs = mesh.vertices, mesh.faces, truth.pairs
+        if i == 1:  # a vertex in front of all others that no face uses
+            vertices, faces = np.vstack([[9.0, 9, 9], vertices]), faces + 1
+            pairs = np.add(pairs, [1, 0])
+        write_mesh(Mesh(vertices, faces), folder / f"body{i}.off")
+        np.savetxt(folder / f"body{i}.txt", pairs, fmt="%d")
+    options = [str(folder), "--output", str(tmp_path / "out")]
+    options += ["--functions", "10", "--folds", "1", "--jobs", "1"]
+    assert main(options) == 2
+    with pytest.warns((RepairWarning, SkippedShapeWarning), match="body1"):
+        assert main([*options, "--on-invalid", on_invalid]) == 0
+    said = capsys.readouterr().out
+    assert ("mended: body1" if on_invalid == "repair" else "left out: body1\n") in said
+    assert (tmp_path / "out" / "report.html").exists()
+
+
+def test_the_command_line_says_what_is_wrong_before_it_computes(tmp_path, capsys):
+    (tmp_path / "file").write_text("")
+    assert main(["--output", str(tmp_path / "file")]) == 2
+    assert "--output" in capsys.readouterr().err
+    assert main([str(tmp_path), "--pattern", "/x", "--output", str(tmp_path / "out")]) == 2
+    assert "pattern must be the name of meshes" in capsys.readouterr().err
+
+
+@pytest.mark.filterwarnings("ignore::skfmap.exceptions.DisagreementWarning")
+@pytest.mark.filterwarnings("ignore::skfmap.exceptions.UnfamiliarShapeWarning")
+@pytest.mark.filterwarnings("ignore::skfmap.exceptions.StabilityWarning")
+def test_the_command_line_takes_small_meshes(tmp_path, capsys):
+    folder = tmp_path / "balls"
+    folder.mkdir()
+    for i in range(4):
+        ball = make_sphere(n_subdivisions=2)
+        write_mesh(Mesh(ball.vertices * [1, 1 + 0.2 * i, 1.5], ball.faces), folder / f"ball{i}.off")
+    options = [str(folder), "--output", str(tmp_path / "out")]
+    assert main([*options, "--functions", "8", "--folds", "1", "--jobs", "1"]) == 0

@@ -8,7 +8,7 @@ from sklearn.pipeline import make_pipeline
 
 from skfmap import Correspondence, DescriptorTransformer, Mesh, SpectralBasis
 from skfmap.datasets import make_sphere
-from skfmap.exceptions import CorrespondenceError
+from skfmap.exceptions import CorrespondenceError, MeshError
 from skfmap.geometry.geodesics import DISTANCES
 from skfmap.metrics import (
     ERROR_KINDS,
@@ -41,15 +41,19 @@ def distances(sphere):
 
 @pytest.fixture(scope="module")
 def truth(sphere):
-    """Return the identity as correspondence, and the mirror image in x = 0 as its symmetric answer."""
+    """Return the identity as correspondence, with the mirror image in x = 0 as symmetric answer."""
     n = sphere.n_vertices
-    mirrored = np.linalg.norm(sphere.vertices[:, None] - sphere.vertices * [-1, 1, 1], axis=2).argmin(axis=1)
+    mirrored = np.linalg.norm(
+        sphere.vertices[:, None] - sphere.vertices * [-1, 1, 1], axis=2
+    ).argmin(axis=1)
     return Correspondence.from_template(np.arange(n), mirrored)
 
 
 def pairs_of(sphere, n=300):
     rng = np.random.default_rng(0)
-    return rng.integers(0, sphere.n_vertices, n), rng.choice(rng.integers(0, sphere.n_vertices, 12), n)
+    return rng.integers(0, sphere.n_vertices, n), rng.choice(
+        rng.integers(0, sphere.n_vertices, 12), n
+    )
 
 
 def arcs(sphere, points, sources):
@@ -72,7 +76,8 @@ def test_heat_distances_are_near_exact_ones_and_dijkstras_too_long(collection):
     mesh = collection.meshes[0]
     points, sources = pairs_of(mesh)
     exact, heat, dijkstra = (
-        GeodesicDistances(mesh, method).between(points, sources) for method in ("exact", "heat", "dijkstra")
+        GeodesicDistances(mesh, method).between(points, sources)
+        for method in ("exact", "heat", "dijkstra")
     )
     assert np.abs(heat - exact).mean() < 0.03 * exact.mean()
     assert (dijkstra >= exact - 1e-6).all()
@@ -104,7 +109,9 @@ def test_cached_distances_are_the_same(sphere, tmp_path):
     sources = np.array([3, 200, 7])
     plain = GeodesicDistances(sphere).rows(sources)
     for _ in range(2):
-        np.testing.assert_array_equal(GeodesicDistances(sphere, memory=str(tmp_path)).rows(sources), plain)
+        np.testing.assert_array_equal(
+            GeodesicDistances(sphere, memory=str(tmp_path)).rows(sources), plain
+        )
 
 
 def test_distances_are_shared_by_content_and_method(sphere):
@@ -125,13 +132,19 @@ def test_unknown_methods_are_refused(sphere):
 
 def test_the_truth_has_no_error(sphere, truth, distances):
     identity = np.arange(sphere.n_vertices)
-    assert [geodesic_error(identity, truth, truth, distances, kind=kind) for kind in ERROR_KINDS] == [0, 0, 0]
+    assert [
+        geodesic_error(identity, truth, truth, distances, kind=kind) for kind in ERROR_KINDS
+    ] == [0, 0, 0]
 
 
 def test_the_symmetric_answer_is_forgiven_by_two_kinds(sphere, truth, distances):
     mirrored = truth.symmetric_pairs[np.argsort(truth.symmetric_pairs[:, 1]), 0]
-    direct, consistent, per_vertex = (geodesic_error(mirrored, truth, truth, distances, kind=k) for k in ERROR_KINDS)
-    assert direct == pytest.approx(arcs(sphere, mirrored, np.arange(sphere.n_vertices)).mean(), rel=0.05)
+    direct, consistent, per_vertex = (
+        geodesic_error(mirrored, truth, truth, distances, kind=k) for k in ERROR_KINDS
+    )
+    assert direct == pytest.approx(
+        arcs(sphere, mirrored, np.arange(sphere.n_vertices)).mean(), rel=0.05
+    )
     assert consistent == per_vertex == 0
 
 
@@ -150,7 +163,9 @@ def test_kinds_are_ordered(sphere, truth, distances, seed, partial):
     p2p = rng.integers(0, sphere.n_vertices, sphere.n_vertices)
     reference = truth
     if partial:  # the symmetric answer is known at some points only
-        reference = Correspondence(truth.pairs, truth.symmetric_pairs[rng.random(len(truth.pairs)) < 0.3])
+        reference = Correspondence(
+            truth.pairs, truth.symmetric_pairs[rng.random(len(truth.pairs)) < 0.3]
+        )
     own = Correspondence(truth.pairs[rng.random(len(truth.pairs)) < 0.5], weights=None)
     errors = pair_errors(p2p, own, reference, distances)
     assert errors.mean("per_vertex") <= errors.mean("consistent") + 1e-12
@@ -182,13 +197,17 @@ def test_weights_of_soft_correspondences_count(sphere, distances):
     own = Correspondence([[0, 5], [1, 6]], weights=[3.0, 1.0])
     other = Correspondence([[10, 5], [30, 6]])
     d10, d30 = distances.between([7, 7], [10, 30])
-    assert geodesic_error(p2p, own, other, distances) == pytest.approx((3 * d10 + d30) / 4, rel=1e-6)
+    assert geodesic_error(p2p, own, other, distances) == pytest.approx(
+        (3 * d10 + d30) / 4, rel=1e-6
+    )
 
 
 def test_missing_symmetric_answers_are_an_error_where_they_are_needed(sphere, truth, distances):
     identity, bare = np.arange(sphere.n_vertices), Correspondence(truth.pairs)
     assert geodesic_error(identity, truth, bare, distances) == 0
-    assert geodesic_error(identity, bare, truth, distances, kind="per_vertex") == 0  # that of the reference counts
+    assert (
+        geodesic_error(identity, bare, truth, distances, kind="per_vertex") == 0
+    )  # that of the reference counts
     for kind in ("consistent", "per_vertex"):
         with pytest.raises(CorrespondenceError, match="symmetric"):
             geodesic_error(identity, truth, bare, distances, kind=kind)
@@ -208,7 +227,10 @@ _values = st.lists(st.integers(0, 6), min_size=1, max_size=20)
 
 def test_a_mesh_in_the_place_of_its_distances_is_told_apart(sphere, truth):
     p2p = np.arange(sphere.n_vertices)
-    with pytest.raises(TypeError, match=r"A GeodesicDistances is expected here; got Mesh. GeodesicDistances\(mesh\)"):
+    with pytest.raises(
+        TypeError,
+        match=r"A GeodesicDistances is expected here; got Mesh. GeodesicDistances\(mesh\)",
+    ):
         geodesic_error(p2p, truth, truth, sphere)
     with pytest.raises(TypeError, match="A Correspondence is expected here; got ndarray"):
         geodesic_error(p2p, truth, truth.pairs, GeodesicDistances(sphere))
@@ -256,7 +278,9 @@ def test_continuity_of_the_identity_is_1(sphere):
     exact = GeodesicDistances(sphere, "exact")
     identity = np.arange(sphere.n_vertices)
     assert continuity(identity, sphere, exact) == pytest.approx(1, abs=1e-3)
-    assert continuity(identity, Mesh(9 * sphere.vertices, sphere.faces), exact) == pytest.approx(1, abs=1e-3)
+    assert continuity(identity, Mesh(9 * sphere.vertices, sphere.faces), exact) == pytest.approx(
+        1, abs=1e-3
+    )
     assert continuity(np.zeros_like(identity), sphere, exact) == 0
     shuffled = np.random.default_rng(0).permutation(identity)
     assert continuity(shuffled, sphere, exact) > 3
@@ -267,7 +291,9 @@ def test_continuity_of_the_identity_is_1(sphere):
 
 def test_scorers_agree_with_the_errors(fitted, probed, collection):
     scorer = get_scorer("neg_geodesic_error")
-    assert scorer(fitted, probed[4:], collection.truths[4:]) == fitted.score(probed[4:], collection.truths[4:])
+    assert scorer(fitted, probed[4:], collection.truths[4:]) == fitted.score(
+        probed[4:], collection.truths[4:]
+    )
     weighted = scorer(fitted, probed[4:], collection.truths[4:], sample_weight=[1, 0])
     assert weighted == fitted.score(probed[4:5], collection.truths[4:5])
 
@@ -275,7 +301,10 @@ def test_scorers_agree_with_the_errors(fitted, probed, collection):
 def test_scorers_are_ordered(make_learner, symmetric_probed, symmetric_collection):
     X, y = symmetric_probed, symmetric_collection.truths
     learner = make_learner(weighting=None).fit(X, y)
-    scores = [get_scorer(f"neg_{kind}geodesic_error")(learner, X, y) for kind in ("", "consistent_", "per_vertex_")]
+    scores = [
+        get_scorer(f"neg_{kind}geodesic_error")(learner, X, y)
+        for kind in ("", "consistent_", "per_vertex_")
+    ]
     assert scores == sorted(scores)
     assert scores[0] == learner.score(X, y)
     assert scores[1] > -0.2
@@ -284,7 +313,9 @@ def test_scorers_are_ordered(make_learner, symmetric_probed, symmetric_collectio
 
 def test_scorers_take_pipelines(make_learner, collection):
     X, y = collection.meshes[:2], collection.truths[:2]
-    model = make_pipeline(SpectralBasis(20), DescriptorTransformer("paper"), make_learner(weighting=None)).fit(X, y)
+    model = make_pipeline(
+        SpectralBasis(20), DescriptorTransformer("paper"), make_learner(weighting=None)
+    ).fit(X, y)
     assert get_scorer("neg_geodesic_error")(model, X, y) == model.score(X, y) < 0
 
 
@@ -304,10 +335,36 @@ def test_names_of_scorers():
 
 def test_pair_errors_of_the_learner_say_how_they_were_measured(fitted, probed, collection):
     heat, dijkstra = (
-        fitted.pair_errors(probed[5:], collection.truths[5:], method=method)[0] for method in ("heat", "dijkstra")
+        fitted.pair_errors(probed[5:], collection.truths[5:], method=method)[0]
+        for method in ("heat", "dijkstra")
     )
     assert len(heat.direct) == len(dijkstra.direct) == 300
     assert dijkstra.mean() == pytest.approx(heat.mean(), rel=0.4)
     assert dijkstra.mean() != heat.mean()
-    everything = fitted.pair_errors(probed[5:], collection.truths[5:], matching="cut", n_stable=1.0)[0]
+    everything = fitted.pair_errors(
+        probed[5:], collection.truths[5:], matching="cut", n_stable=1.0
+    )[0]
     assert everything.mean() != heat.mean()
+
+
+@pytest.mark.parametrize("method", ["heat", "exact", "dijkstra"])
+def test_distances_from_what_is_no_vertex_are_refused(method):
+    """What lies beneath follows a wrong number out of its memory."""
+    ball = make_sphere(n_subdivisions=2)
+    distances = GeodesicDistances(ball, method)
+    for points, sources in (([0], [-1]), ([0], [66]), ([-1], [0]), ([66], [0])):
+        with pytest.raises(ValueError, match=r"refer to vertex (-1|66), but there are 66"):
+            distances.between(points, sources)
+    with pytest.raises(ValueError, match="one source for each point"):
+        distances.between([0, 1], [0])
+    with pytest.raises(ValueError, match="1-D array of vertex numbers"):
+        distances.between([0.5], [0])
+    assert len(distances.between([], [])) == 0
+    two = Mesh(
+        np.concatenate([ball.vertices, ball.vertices + 9]),
+        np.concatenate([ball.faces, ball.faces + 66]),
+    )
+    loose = Mesh(np.concatenate([ball.vertices, [[9.0, 9, 9]]]), ball.faces)
+    for mesh in (two, loose, Mesh(np.zeros((3, 3)), [[0, 1, 2]])):
+        with pytest.raises(MeshError, match="No distances are defined"):
+            GeodesicDistances(mesh, method).between([1], [0])

@@ -11,7 +11,8 @@ X = list("rabcdef")
 
 
 @pytest.mark.parametrize(
-    ("cv", "n_splits"), [(2, 2), (3, 3), (LeaveOneOut(), 6), (KFold(3, shuffle=True, random_state=0), 3)]
+    ("cv", "n_splits"),
+    [(2, 2), (3, 3), (LeaveOneOut(), 6), (KFold(3, shuffle=True, random_state=0), 3)],
 )
 def test_the_reference_opens_every_training_fold_and_is_never_tested(cv, n_splits):
     pinned = PinnedReference(cv)
@@ -30,7 +31,9 @@ def test_the_number_of_folds_is_known_without_data():
 
 def test_folds_are_those_of_the_inner_splitter():
     inner = ShuffleSplit(3, test_size=2, random_state=0)
-    for (train, test), (train_0, test_0) in zip(PinnedReference(inner).split(X), inner.split(X[1:]), strict=True):
+    for (train, test), (train_0, test_0) in zip(
+        PinnedReference(inner).split(X), inner.split(X[1:]), strict=True
+    ):
         assert train.tolist() == [0, *(train_0 + 1)]
         assert test.tolist() == (test_0 + 1).tolist()
 
@@ -86,6 +89,8 @@ def test_scores_are_those_of_the_folds_by_hand(make_learner, probed, collection)
 
 def test_groups_reach_the_inner_splitter_through_scikit_learn(make_learner, probed, collection):
     groups, cv = [9, 0, 0, 1, 1, 1], PinnedReference(GroupKFold(2))
-    scores = cross_val_score(make_learner(weighting=None), probed, collection.truths, cv=cv, groups=groups)
+    scores = cross_val_score(
+        make_learner(weighting=None), probed, collection.truths, cv=cv, groups=groups
+    )
     assert scores.shape == (2,)
     assert (scores < 0).all()

@@ -1,4 +1,4 @@
-"""Parts of the learner that people exchange: refinements and confidences, by word, by object, or of their own."""
+"""Parts of the learner: refinements and confidences by word, by object, or of one's own."""
 
 import numpy as np
 import pytest
@@ -6,18 +6,24 @@ from sklearn.base import clone
 from sklearn.model_selection import GridSearchCV
 
 import skfmap
-from skfmap.learner import CrossFitConfidence
+from skfmap.learner import Confidence, CrossFitConfidence, Trust
 from skfmap.learner.parts import make_part, same_part
 from skfmap.model_selection import PinnedReference
-from skfmap.refinement import ICP, BijectiveZoomOut, Refinement, ZoomOut, rematch_points
+from skfmap.refinement import (
+    ICP,
+    REFINEMENTS,
+    BijectiveZoomOut,
+    Refinement,
+    ZoomOut,
+    rematch_points,
+)
 
 
 class AllAlike(Refinement):
     """Match in all k functions alike, and count the fits."""
 
     def fit(self, training, matcher):
-        self.n_training_ = len(training.shapes)
-        return super().fit(training, matcher)
+        self.n_training_ = len(training.shapes)  # returns nothing, as people forget to
 
     def refine(self, learned, spectral, match):
         C = match.learned_map
@@ -25,11 +31,14 @@ class AllAlike(Refinement):
 
 
 @pytest.mark.parametrize(
-    ("word", "part"), [("icp", ICP()), ("zoomout", ZoomOut()), ("bijective-zoomout", BijectiveZoomOut())]
+    ("word", "part"),
+    [("icp", ICP()), ("zoomout", ZoomOut()), ("bijective-zoomout", BijectiveZoomOut())],
 )
 def test_a_word_stands_for_its_object(make_learner, probed, collection, word, part):
     by_word, by_object = (
-        make_learner(n_functions=8, refine=refine, confidence=None, tol=1e-2).fit(probed[:3], collection.truths[:3])
+        make_learner(n_functions=8, refine=refine, confidence=None, tol=1e-2).fit(
+            probed[:3], collection.truths[:3]
+        )
         for refine in (word, part)
     )
     assert by_word.refine == word, "the parameter stays as it was given"
@@ -43,7 +52,10 @@ def test_a_word_stands_for_its_object(make_learner, probed, collection, word, pa
 
 def test_the_parameter_of_a_part_is_searched(make_model, collection):
     model = make_model(n_functions=8, refine=ZoomOut(), confidence=None, tol=1e-2)
-    grid = {"learner__refine__step": [4, 11], "learner__refine": [ZoomOut(), BijectiveZoomOut(final_steps=1)]}
+    grid = {
+        "learner__refine__step": [4, 11],
+        "learner__refine": [ZoomOut(), BijectiveZoomOut(final_steps=1)],
+    }
     search = GridSearchCV(model, grid, cv=PinnedReference(2), error_score="raise")
     search.fit(collection.meshes[:4], collection.truths[:4])
     assert search.cv_results_["mean_test_score"].shape == (4,)
@@ -51,7 +63,8 @@ def test_the_parameter_of_a_part_is_searched(make_model, collection):
 
 
 @pytest.mark.parametrize(
-    ("given", "told"), [({"refine": "zoomout"}, r"refine is 'zoomout'.*refine=ZoomOut\(\)"), ({}, "refine is None")]
+    ("given", "told"),
+    [({"refine": "zoomout"}, r"refine is 'zoomout'.*refine=ZoomOut\(\)"), ({}, "refine is None")],
 )
 def test_a_word_has_no_parameters_and_says_so(make_learner, given, told):
     with pytest.raises(ValueError, match=f"refine__step cannot be set while {told}"):
@@ -83,12 +96,16 @@ def test_what_is_no_part_is_refused_with_the_words(make_learner, probed, collect
 
 
 def test_fitted_is_the_default_everywhere_and_none_switches_off(make_learner, probed, collection):
-    learner = make_learner(n_functions=8, refine=ZoomOut(), n_stable=3, matching="cut", confidence=None)
+    learner = make_learner(
+        n_functions=8, refine=ZoomOut(), n_stable=3, matching="cut", confidence=None
+    )
     learner.fit(probed[:3], collection.truths[:3])
     fitted, off = learner.point_maps(probed[5:])[0], learner.point_maps(probed[5:], refine=None)[0]
     assert not np.array_equal(fitted, off)
     assert learner.match(probed[5:], refine=None)[0].refined_map is None
-    explicit = learner.point_maps(probed[5:], matching="fitted", n_stable="fitted", refine="fitted")[0]
+    explicit = learner.point_maps(
+        probed[5:], matching="fitted", n_stable="fitted", refine="fitted"
+    )[0]
     np.testing.assert_array_equal(explicit, fitted)
     half = learner.point_maps(probed[5:], n_stable=None, refine=None)[0]
     np.testing.assert_array_equal(half, learner.point_maps(probed[5:], n_stable=4, refine=None)[0])
@@ -96,14 +113,11 @@ def test_fitted_is_the_default_everywhere_and_none_switches_off(make_learner, pr
         learner.point_maps(probed[5:], matching=None)
 
 
-def test_make_part_gives_fresh_objects():
-    words = {"zoomout": ZoomOut}
+def test_a_word_makes_an_object_and_an_object_is_itself():
     given = ZoomOut(step=7)
-    made = make_part(given, "refine", words, "refine")
-    assert made is not given
-    assert made.step == 7
-    assert make_part(None, "refine", words, "refine") is None
-    assert isinstance(make_part("zoomout", "refine", words, "refine"), ZoomOut)
+    assert make_part(given, "refine", REFINEMENTS, Refinement) is given
+    assert make_part(None, "refine", REFINEMENTS, Refinement) is None
+    assert isinstance(make_part("zoomout", "refine", REFINEMENTS, Refinement), ZoomOut)
 
 
 def test_parts_are_the_same_by_class_and_parameters():
@@ -112,12 +126,97 @@ def test_parts_are_the_same_by_class_and_parameters():
     assert not same_part(ZoomOut(step=3), ZoomOut())
     assert not same_part(ZoomOut(), ICP())
     assert not same_part(None, ICP())
+    weights = np.zeros(5000)
+    assert not same_part(ZoomOut(step=weights), ZoomOut(step=np.where(np.arange(5000) == 7, 1, 0)))
+    assert same_part(ZoomOut(step=weights), ZoomOut(step=weights.copy()))
+    assert not same_part(ZoomOut(step=lambda: 1), ZoomOut(step=lambda: 1)), "nothing tells"
 
 
-def test_matches_refined_otherwise_get_the_errors_of_the_match_before(make_learner, probed, collection):
-    learner = make_learner(n_functions=8, refine=ZoomOut(step=20)).fit(probed[:4], collection.truths[:4])
+def test_matches_refined_otherwise_get_the_errors_of_the_match_before(
+    make_learner, probed, collection
+):
+    learner = make_learner(n_functions=8, refine=ZoomOut(step=20)).fit(
+        probed[:4], collection.truths[:4]
+    )
     plain, other = (learner.match(probed[5:], refine=refine)[0] for refine in (None, "icp"))
     np.testing.assert_array_equal(plain.expected_error, other.expected_error)
     assert not np.array_equal(plain.expected_error, learner.match(probed[5:])[0].expected_error)
     again = skfmap.match(learner, probed[5:], refine=ZoomOut(step=20))[0]
     np.testing.assert_array_equal(again.expected_error, learner.match(probed[5:])[0].expected_error)
+
+
+def test_an_override_is_checked_and_learns_nothing(make_learner, probed, collection):
+    learner = make_learner(n_functions=8, refine=AllAlike(), confidence=None)
+    learner.fit(probed[:3], collection.truths[:3])
+    for wrong in (ZoomOut(step=0), ICP(n_steps=0), BijectiveZoomOut(final_steps=-1)):
+        with pytest.raises(ValueError, match="must be an integer at least 1"):
+            learner.match(probed[5:], refine=wrong)
+    (fitted,) = learner.match(probed[5:])
+    for same in (AllAlike(), learner.refine_):
+        np.testing.assert_array_equal(learner.match(probed[5:], refine=same)[0].p2p, fitted.p2p)
+    other = make_learner(n_functions=8, confidence=None).fit(probed[:3], collection.truths[:3])
+    with pytest.raises(
+        ValueError, match=r"AllAlike\(\) learns from training shapes: give it to the"
+    ):
+        other.match(probed[5:], refine=AllAlike())
+
+
+@pytest.mark.parametrize(
+    "parts", [{"refine": ZoomOut(step=0)}, {"confidence": CrossFitConfidence(cv=1)}]
+)
+def test_parameters_of_parts_are_checked_before_anything_is_learned(
+    make_learner, probed, collection, parts, monkeypatch
+):
+    monkeypatch.setattr(skfmap.learner.TrainingSet, "learn", lambda self, **how: 1 / 0)
+    with pytest.raises(ValueError, match="must be an integer at least"):
+        make_learner(**parts).fit(probed[:3], collection.truths[:3])
+
+
+class Sometimes(Refinement):
+    """Leave the matches of some shapes alone."""
+
+    def refine(self, learned, spectral, match):
+        return (
+            match if spectral.mesh.n_vertices < 500 else ZoomOut().refine(learned, spectral, match)
+        )
+
+
+def test_a_refinement_may_leave_a_match_alone(make_learner, probed, collection):
+    learner = make_learner(n_functions=8, refine=Sometimes()).fit(probed[:5], collection.truths[:5])
+    for match in learner.match(probed[4:]):
+        assert np.isfinite(match.expected_error).all()
+
+
+class Flat(Confidence):
+    """Expect the same everywhere."""
+
+    def fit(self, training, matcher):
+        self.n_training_ = len(training.shapes)
+
+    def assess(self, matcher, shape, solution, before, after, *, refined):
+        flat = np.full(len(after.p2p), 0.1)
+        return Trust(flat, 1 - flat, 1.0, self.is_familiar(solution))
+
+
+def test_a_confidence_of_ones_own_plugs_in(make_learner, probed, collection):
+    learner = make_learner(n_functions=8, confidence=Flat()).fit(probed[:4], collection.truths[:4])
+    assert learner.confidence_.n_training_ == 3
+    (match,) = learner.match(probed[5:])
+    assert (match.expected_error == 0.1).all()
+    assert match.familiar
+    with pytest.raises(
+        AttributeError, match="no attribute 'error_models_': its confidence_ has none"
+    ):
+        _ = learner.error_models_
+    with pytest.raises(
+        ValueError, match=r"through='auto' compares expected errors.*Flat\(\) knows none"
+    ):
+        skfmap.BridgedLearner(learner).fit(probed[:4], collection.truths[:4])
+    through = skfmap.BridgedLearner(learner, through="body2").fit(probed[:4], collection.truths[:4])
+    assert through.bridge_errors_ == {}
+    assert np.isfinite(through.match(probed[5:])[0].expected_error).all()
+
+
+def test_what_is_read_from_a_part_cannot_be_set(fitted):
+    with pytest.raises(AttributeError, match=r"weights_ is read from matcher_.weights, and cannot"):
+        fitted.weights_ = np.ones(3)

@@ -18,7 +18,9 @@ from skfmap.exceptions import VersionWarning
 from skfmap.model_selection import PinnedReference
 from skfmap.persistence import load_model, save_model
 
-needs_skops = pytest.mark.skipif("not __import__('importlib.util').util.find_spec('skops')", reason="skops is missing")
+needs_skops = pytest.mark.skipif(
+    "not __import__('importlib.util').util.find_spec('skops')", reason="skops is missing"
+)
 
 
 @pytest.mark.parametrize("dump", ["pickle", "joblib"])
@@ -29,7 +31,9 @@ def test_a_saved_model_predicts_bit_by_bit_the_same(model, collection, tmp_path,
         joblib.dump(model, tmp_path / "model.joblib")
         again = joblib.load(tmp_path / "model.joblib")
     assert_array_equal(again.predict(collection.meshes[4:]), model.predict(collection.meshes[4:]))
-    for one, other in zip(*(skfmap.match(m, collection.meshes[4:]) for m in (again, model)), strict=True):
+    for one, other in zip(
+        *(skfmap.match(m, collection.meshes[4:]) for m in (again, model)), strict=True
+    ):
         assert_array_equal(one.p2p, other.p2p)
         assert_array_equal(one.expected_error, other.expected_error)
 
@@ -71,22 +75,29 @@ def test_a_fresh_process_predicts_bit_by_bit_the_same(suffix, model, collection,
     np.savez(tmp_path / "new.npz", vertices=new.vertices, faces=new.faces)
     script = tmp_path / "predict.py"
     script.write_text(textwrap.dedent(_PREDICT))
-    subprocess.run([sys.executable, str(script), str(path), str(tmp_path / "out")], check=True, timeout=300)
+    subprocess.run(
+        [sys.executable, str(script), str(path), str(tmp_path / "out")], check=True, timeout=300
+    )
     told, (match,) = np.load(tmp_path / "out.npz"), skfmap.match(model, [new])
     assert_array_equal(told["maps"], model.predict([new]))
     assert_array_equal(told["p2p"], match.p2p)
     assert_array_equal(told["expected_error"], match.expected_error)
 
 
-def test_a_model_is_no_larger_than_its_reference_in_its_basis(fitted, make_learner, probed, collection):
-    """The reference, Y, and tables: no other shape, no distances, however many shapes it was trained on."""
+def test_a_model_is_no_larger_than_its_reference_in_its_basis(
+    fitted, make_learner, probed, collection
+):
+    """The reference, Y, and tables: no other shape, no distances, however many taught it."""
     fitted.score(probed[5:], collection.truths[5:])  # computes distances, and must not keep them
     size = len(pickle.dumps(fitted))
     reference = len(pickle.dumps((fitted.reference_, fitted.reference_correspondence_)))
     n, k = fitted.reference_.spectral.mesh.n_vertices, fitted.n_functions
     assert size < reference + 8 * (k * k + 2 * len(fitted.weights_) + 1000) + 20_000
     assert size < 8 * n * n / 4
-    assert abs(len(pickle.dumps(make_learner().fit(probed[:3], collection.truths[:3]))) - size) < 10_000
+    assert (
+        abs(len(pickle.dumps(make_learner().fit(probed[:3], collection.truths[:3]))) - size)
+        < 10_000
+    )
 
 
 @needs_skops
@@ -99,7 +110,9 @@ def test_skops_says_which_version_saved_a_model(fitted, tmp_path, monkeypatch):
 
 @needs_skops
 def test_skops_holds_every_family_and_a_search(make_model, collection, tmp_path):
-    model = make_model(weighting="category").set_params(probes__families=default_families(), basis__laplacian="robust")
+    model = make_model(weighting="category").set_params(
+        probes__families=default_families(), basis__laplacian="robust"
+    )
     model.fit(collection.meshes[:3], collection.truths[:3])
     save_model(model, tmp_path / "model.skops")
     again = load_model(tmp_path / "model.skops")
@@ -116,14 +129,21 @@ def height(shape):
 def test_a_file_with_strange_things_in_it_is_refused_before_it_is_loaded(tmp_path):
     path = tmp_path / "model.skops"
     save_model(FunctionTransformer(subprocess.run), path)
-    with pytest.raises(TypeError, match=r"no part of a model of skfmap: .*FunctionTransformer, subprocess\.run"):
+    with pytest.raises(
+        TypeError, match=r"no part of a model of skfmap: .*FunctionTransformer, subprocess\.run"
+    ):
         load_model(path)
     save_model(FunctionProbes(height), path)
     with pytest.raises(TypeError, match="height"):
         load_model(path)
     own = f"{height.__module__}.height"
-    if height.__module__ in sys.modules and getattr(sys.modules[height.__module__], "height", None) is height:
-        assert load_model(path, trusted=[own, "skfmap.descriptors.FunctionProbes"]).function is height
+    if (
+        height.__module__ in sys.modules
+        and getattr(sys.modules[height.__module__], "height", None) is height
+    ):
+        assert (
+            load_model(path, trusted=[own, "skfmap.descriptors.FunctionProbes"]).function is height
+        )
 
 
 def test_without_skops_the_message_says_what_to_install(fitted, tmp_path, monkeypatch):
@@ -134,7 +154,11 @@ def test_without_skops_the_message_says_what_to_install(fitted, tmp_path, monkey
 
 @needs_skops
 def test_a_search_is_saved_by_its_best_estimator(make_learner, probed, collection, tmp_path):
-    search = GridSearchCV(make_learner(weighting=None), {"alpha": [1e-2, 1e-1]}, cv=PinnedReference(2))
+    search = GridSearchCV(
+        make_learner(weighting=None), {"alpha": [1e-2, 1e-1]}, cv=PinnedReference(2)
+    )
     search.fit(probed[:4], collection.truths[:4])
     save_model(search.best_estimator_, tmp_path / "best.skops")
-    assert_array_equal(load_model(tmp_path / "best.skops").predict(probed[4:]), search.predict(probed[4:]))
+    assert_array_equal(
+        load_model(tmp_path / "best.skops").predict(probed[4:]), search.predict(probed[4:])
+    )

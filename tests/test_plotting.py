@@ -67,10 +67,15 @@ def test_the_up_axis_is_up(up):
     axis = np.eye(3)["xyz".index(up)]
     right, height, towards = Camera(up, azimuth=70, elevation=20).project(axis[None])[0]
     assert right == pytest.approx(0)
-    assert (height, towards) == (pytest.approx(np.cos(np.radians(20))), pytest.approx(np.sin(np.radians(20))))
+    assert (height, towards) == (
+        pytest.approx(np.cos(np.radians(20))),
+        pytest.approx(np.sin(np.radians(20))),
+    )
 
 
-@pytest.mark.parametrize(("wrong", "message"), [({"up": "w"}, "up must be one of"), ({"elevation": 91}, "elevation")])
+@pytest.mark.parametrize(
+    ("wrong", "message"), [({"up": "w"}, "up must be one of"), ({"elevation": 91}, "elevation")]
+)
 def test_a_camera_says_what_it_cannot_do(wrong, message):
     with pytest.raises(ValueError, match=message):
         Camera(**wrong)
@@ -94,7 +99,9 @@ def test_colours_of_position_can_be_told_apart_by_the_colour_blind():
     box = make_sphere(n_subdivisions=4)
     mesh = Mesh(box.vertices * [1.0, 2.0, 3.0], box.faces)
     linear = colours_of_position(mesh) ** 2.2
-    seen = linear @ np.array([[0.152, 0.115, -0.004], [1.053, 0.786, -0.048], [-0.205, 0.099, 1.052]])  # protanopia
+    seen = linear @ np.array(
+        [[0.152, 0.115, -0.004], [1.053, 0.786, -0.048], [-0.205, 0.099, 1.052]]
+    )  # protanopia
     for axis in range(3):
         ends = mesh.vertices[:, axis].argsort()[[0, -1]]
         first, last = np.clip(seen[ends], 0, 1) ** (1 / 2.2)
@@ -142,7 +149,9 @@ def test_panels_have_one_scale_of_size_and_of_colour(collection):
         np.column_stack([mesh.vertices[:, 0], factor * mesh.vertices[:, 1]])
         for mesh, factor in zip(meshes, (1, 5), strict=True)
     ]
-    figure = plot_functions(meshes, functions, labels=["first", "second"], captions=["left", "right"])
+    figure = plot_functions(
+        meshes, functions, labels=["first", "second"], captions=["left", "right"]
+    )
     panels, bars = figure.axes[:4], figure.axes[4:]
     assert [bar.get_ylabel() for bar in bars] == ["first", "second"]
     assert [panel.get_title() for panel in panels] == ["left", "right", "", ""]
@@ -155,7 +164,12 @@ def test_panels_have_one_scale_of_size_and_of_colour(collection):
 def test_colours_of_a_match_are_those_of_the_matched_vertices(matched, tmp_path):
     matches, meshes, reference = matched
     figure = plot_matches(
-        matches, meshes, reference, captions=["caption"], show=["match", "confidence"], path=tmp_path / "m.png"
+        matches,
+        meshes,
+        reference,
+        captions=["caption"],
+        show=["match", "confidence"],
+        path=tmp_path / "m.png",
     )
     assert "body5\ncaption" in [axes.get_title() for axes in figure.axes]
     assert imread(tmp_path / "m.png")[..., :3].std() > 0.05
@@ -187,22 +201,35 @@ def test_matched_shapes_are_turned_to_face_as_the_reference_does(matched):
     options = {"show": ["match"], "errors": None, "captions": None, "camera": None}
     facing = scene_of_matches(matches, [mesh], reference, **options, align=True).panels[1].points
     angle = np.radians(130)
-    turn = np.array([[np.cos(angle), -np.sin(angle), 0], [np.sin(angle), np.cos(angle), 0], [0, 0, 1]])
+    turn = np.array(
+        [[np.cos(angle), -np.sin(angle), 0], [np.sin(angle), np.cos(angle), 0], [0, 0, 1]]
+    )
     turned = Mesh(mesh.vertices @ turn.T, mesh.faces, name=mesh.name)
     again = scene_of_matches(matches, [turned], reference, **options, align=True).panels[1].points
     np.testing.assert_allclose(again, facing, atol=1e-9)
-    as_it_is = scene_of_matches(matches, [turned], reference, **options, align=False).panels[1].points
+    as_it_is = (
+        scene_of_matches(matches, [turned], reference, **options, align=False).panels[1].points
+    )
     assert np.abs(as_it_is - facing).max() > 0.1
 
 
 @pytest.mark.parametrize(
     ("draw", "message"),
     [
-        (lambda m, s, r: plot_function(s[0], np.ones(3)), "for each of the 380 vertices of mesh 'body5'"),
+        (
+            lambda m, s, r: plot_function(s[0], np.ones(3)),
+            "for each of the 380 vertices of mesh 'body5'",
+        ),
         (lambda m, s, r: plot_function(s[0], ["a"] * 380), "must hold a number"),
         (lambda m, s, r: plot_functions(s, []), "1 meshes and 0 functions"),
-        (lambda m, s, r: plot_functions(s, [np.ones(380)], captions="body"), "captions must hold a text for each"),
-        (lambda m, s, r: plot_functions([s[0], s[0]], [np.ones(380), np.ones((380, 2))]), "as many functions"),
+        (
+            lambda m, s, r: plot_functions(s, [np.ones(380)], captions="body"),
+            "captions must hold a text for each",
+        ),
+        (
+            lambda m, s, r: plot_functions([s[0], s[0]], [np.ones(380), np.ones((380, 2))]),
+            "as many functions",
+        ),
         (lambda m, s, r: plot_functions(s, [np.ones((380, 0))]), "no function on mesh 'body5'"),
         (lambda m, s, r: plot_functions(s, [1.0]), "for each of the 380 vertices"),
         (lambda m, s, r: plot_matches(m, [], r), "one mesh per match"),
@@ -233,7 +260,10 @@ def test_weights_are_drawn_by_category(fitted, model):
     )
     again = WeightsDisplay.from_estimator(model, ax=display.ax_, name="pipeline")
     assert again.figure_ is display.figure_
-    assert [text.get_text() for text in again.ax_.get_legend().get_texts()] == ["function", "pipeline"]
+    assert [text.get_text() for text in again.ax_.get_legend().get_texts()] == [
+        "function",
+        "pipeline",
+    ]
     with pytest.raises(ValueError, match="each of the 3 probes"):
         WeightsDisplay([1.0], ["a"] * 3).plot()
 
@@ -244,7 +274,9 @@ def test_singular_values_are_those_of_the_difference(fitted, unseen):
     np.testing.assert_allclose((display.singular_values**2).sum(), (difference**2).sum())
     share = display.line_.get_ydata()
     assert (np.diff(share) >= 0).all()
-    np.testing.assert_allclose(share, 100 * error_curve(display.singular_values.ravel(), display.line_.get_xdata()))
+    np.testing.assert_allclose(
+        share, 100 * error_curve(display.singular_values.ravel(), display.line_.get_xdata())
+    )
 
 
 def test_basis_errors_are_those_of_equation_5(fitted, unseen):
@@ -256,15 +288,21 @@ def test_basis_errors_are_those_of_equation_5(fitted, unseen):
 
 
 def test_error_curves_are_of_the_matches_asked_for(fitted, unseen):
-    full = ErrorCurveDisplay.from_estimator(fitted, *unseen, matching="cut", n_stable=1.0, name="full")
+    full = ErrorCurveDisplay.from_estimator(
+        fitted, *unseen, matching="cut", n_stable=1.0, name="full"
+    )
     errors = fitted.pair_errors(*unseen, matching="cut", n_stable=1.0)
     np.testing.assert_allclose(full.errors, np.concatenate([one.direct for one in errors]))
     both = ErrorCurveDisplay.from_predictions(errors[0], ax=full.ax_, largest=0.1)
     assert len(both.ax_.lines) == 2
-    np.testing.assert_allclose(both.line_.get_ydata(), 100 * error_curve(errors[0].direct, both.line_.get_xdata()))
+    np.testing.assert_allclose(
+        both.line_.get_ydata(), 100 * error_curve(errors[0].direct, both.line_.get_xdata())
+    )
 
 
-def test_error_curves_that_forgive_symmetry_say_so(make_learner, symmetric_probed, symmetric_collection):
+def test_error_curves_that_forgive_symmetry_say_so(
+    make_learner, symmetric_probed, symmetric_collection
+):
     learner = make_learner().fit(symmetric_probed[:3], symmetric_collection.truths[:3])
     display = ErrorCurveDisplay.from_estimator(
         learner, symmetric_probed[3:], symmetric_collection.truths[3:], kind="per_vertex"
@@ -292,7 +330,9 @@ def test_reliability_of_a_model_compares_its_own_matches(fitted, unseen):
     np.testing.assert_allclose(display.expected[: len(first)], first)
 
 
-@pytest.mark.parametrize("display", [SingularValuesDisplay, BasisErrorDisplay, ErrorCurveDisplay, ReliabilityDisplay])
+@pytest.mark.parametrize(
+    "display", [SingularValuesDisplay, BasisErrorDisplay, ErrorCurveDisplay, ReliabilityDisplay]
+)
 def test_displays_take_pipelines_and_refuse_the_rest(model, collection, display):
     X, y = collection.meshes[5:], collection.truths[5:]
     assert display.from_estimator(model, X, y).ax_.lines
@@ -302,7 +342,9 @@ def test_displays_take_pipelines_and_refuse_the_rest(model, collection, display)
 
 def test_known_maps_of_training_shapes_are_those_that_were_learned_from(fitted, probed, collection):
     """The loss at the learned weights is that of the learner's own maps against the known ones."""
-    maps = fitted.functional_maps(probed[1:5]) - fitted.ground_truth_maps(probed[1:5], collection.truths[1:5])
+    maps = fitted.functional_maps(probed[1:5]) - fitted.ground_truth_maps(
+        probed[1:5], collection.truths[1:5]
+    )
     squared = np.linalg.svd(maps, compute_uv=False) ** 2
     assert (squared / (squared + fitted.epsilon_)).sum() == pytest.approx(fitted.loss_, rel=1e-6)
 
@@ -311,7 +353,11 @@ def test_known_maps_of_training_shapes_are_those_that_were_learned_from(fitted, 
 
 _FLAGS = [
     *("--headless", "--no-sandbox", "--disable-quic", "--no-first-run", "--disable-sync"),
-    *("--disable-background-networking", "--disable-component-update", "--host-resolver-rules=MAP * ~NOTFOUND"),
+    *(
+        "--disable-background-networking",
+        "--disable-component-update",
+        "--host-resolver-rules=MAP * ~NOTFOUND",
+    ),
     *("--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--window-size=1200,520"),
     "--virtual-time-budget=20000",
 ]
@@ -319,19 +365,37 @@ _FLAGS = [
 
 @pytest.fixture
 def browse(tmp_path):
-    """Return a function that opens a page in a real browser, and returns a screenshot, or the page's title."""
-    browser = os.environ.get("SKFMAP_BROWSER") or shutil.which("chromium") or shutil.which("google-chrome")
+    """Return a function that opens a page in a browser and returns a screenshot or the title."""
+    browser = (
+        os.environ.get("SKFMAP_BROWSER")
+        or shutil.which("chromium")
+        or shutil.which("google-chrome")
+    )
     if not browser:
         pytest.skip("no browser found: install chromium, or name one in SKFMAP_BROWSER")
 
     def open_page(page, script=None):
         if script is not None:
-            page.write_text(page.read_text(encoding="utf-8").replace("</body>", f"<script>{script}</script></body>"))
+            page.write_text(
+                page.read_text(encoding="utf-8").replace(
+                    "</body>", f"<script>{script}</script></body>"
+                )
+            )
         picture = tmp_path / "screenshot.png"
         what = ["--dump-dom"] if script is not None else [f"--screenshot={picture}"]
-        command = [browser, *_FLAGS, f"--user-data-dir={tmp_path / 'profile'}", *what, page.as_uri()]
+        command = [
+            browser,
+            *_FLAGS,
+            f"--user-data-dir={tmp_path / 'profile'}",
+            *what,
+            page.as_uri(),
+        ]
         done = subprocess.run(command, capture_output=True, text=True, timeout=120, check=True)
-        return re.search("<title>(.*?)</title>", done.stdout)[1] if script is not None else imread(picture)[..., :3]
+        return (
+            re.search("<title>(.*?)</title>", done.stdout)[1]
+            if script is not None
+            else imread(picture)[..., :3]
+        )
 
     return open_page
 
@@ -354,7 +418,8 @@ def test_buttons_change_the_colours_and_one_camera_turns_all(matched, tmp_path, 
 setTimeout(() => {
   const page = document.querySelector('.plotly-graph-div');
   const first = page.data[1].vertexcolor[0];
-  document.querySelectorAll('.updatemenu-button')[1].dispatchEvent(new MouseEvent('click', {bubbles: true}));
+  const button = document.querySelectorAll('.updatemenu-button')[1];
+  button.dispatchEvent(new MouseEvent('click', {bubbles: true}));
   const camera = {eye: {x: -1.5, y: 1, z: 1}, up: {x: 0, y: 0, z: 1}};
   Plotly.relayout(page, {'scene2.camera': camera}).then(() => setTimeout(() => {
     document.title = JSON.stringify({
@@ -369,7 +434,13 @@ setTimeout(() => {
     assert seen["eyes"] == [-1.5, -1.5]
     assert seen["first"] == to_hex(colours_of_position(reference)[matches[0].p2p[0]])
     assert seen["then"] != seen["first"]
-    assert seen["shown"] == [True, True, False, True, False]  # two shapes, then the scales of three rows
+    assert seen["shown"] == [
+        True,
+        True,
+        False,
+        True,
+        False,
+    ]  # two shapes, then the scales of three rows
 
 
 def test_pages_need_no_other_file_and_no_host(matched, tmp_path):
@@ -394,7 +465,9 @@ def test_pages_escape_names(tmp_path):
 def test_pages_say_what_they_cannot_do(tmp_path, path, n_shapes, message):
     sphere = make_sphere(n_subdivisions=1)
     with pytest.raises(ValueError, match=message):
-        write_functions_page(tmp_path / path, [sphere] * n_shapes, [sphere.vertices[:, 0]] * n_shapes)
+        write_functions_page(
+            tmp_path / path, [sphere] * n_shapes, [sphere.vertices[:, 0]] * n_shapes
+        )
 
 
 def test_without_plotly_the_remedy_is_named(monkeypatch, tmp_path):

@@ -1,4 +1,4 @@
-"""Trusted functions, maps fitted to point maps, refinement, matches between vertices, and what is transferred."""
+"""Trusted functions, maps fitted to points, refinement, interpolation, and transfer."""
 
 import numpy as np
 import pytest
@@ -44,7 +44,11 @@ def test_the_covariance_is_the_stable_basis_where_nothing_is_cut():
 
 def test_leverage_gives_the_residuals_of_pairs_left_out():
     rng = np.random.default_rng(1)
-    A, B, areas = rng.standard_normal((15, 4)), rng.standard_normal((15, 4)), rng.uniform(0.5, 1.5, 15)
+    A, B, areas = (
+        rng.standard_normal((15, 4)),
+        rng.standard_normal((15, 4)),
+        rng.uniform(0.5, 1.5, 15),
+    )
     gram = (areas[:, None] * A).T @ A
     expected = np.zeros((4, 4))
     for q in range(15):
@@ -54,7 +58,9 @@ def test_leverage_gives_the_residuals_of_pairs_left_out():
         residual = A[q] @ C - B[q]
         expected += areas[q] * np.outer(residual, residual) / areas.sum()
     C = np.linalg.solve(gram, (areas[:, None] * A).T @ B)
-    np.testing.assert_allclose(residual_covariance(A, B, areas, C, leverage_of=gram), expected, rtol=1e-9)
+    np.testing.assert_allclose(
+        residual_covariance(A, B, areas, C, leverage_of=gram), expected, rtol=1e-9
+    )
 
 
 def test_functions_are_trusted_less_the_more_they_err():
@@ -120,7 +126,9 @@ def test_the_nearest_point_of_a_triangle_is_nearer_than_others(seed, d):
     barycentric, squared = nearest_on_triangles(point, corners)
     assert barycentric.min() >= 0
     np.testing.assert_allclose(barycentric.sum(), 1)
-    np.testing.assert_allclose(np.square(barycentric[0] @ corners[0] - point[0]).sum(), squared[0], atol=1e-14)
+    np.testing.assert_allclose(
+        np.square(barycentric[0] @ corners[0] - point[0]).sum(), squared[0], atol=1e-14
+    )
     others = rng.dirichlet(np.full(3, 0.5), 200) @ corners[0]
     assert squared[0] <= np.square(others - point[0]).sum(axis=1).min() + 1e-12
 
@@ -135,7 +143,9 @@ def test_degenerate_triangles_have_a_nearest_point(corners):
 @pytest.fixture(scope="module")
 def refined(make_learner, probed, collection):
     """Return a learner of few functions, with the rest of the basis left to refinement."""
-    return make_learner(n_functions=8, refine="bijective-zoomout").fit(probed[:5], collection.truths[:5])
+    return make_learner(n_functions=8, refine="bijective-zoomout").fit(
+        probed[:5], collection.truths[:5]
+    )
 
 
 def test_refinement_lowers_the_error_on_an_unseen_shape(make_learner, probed, collection):
@@ -162,7 +172,9 @@ def test_every_refinement_can_be_asked_for(refined, make_model, probed, collecti
     assert np.isfinite(match.expected_error).all()
 
 
-def test_the_override_of_match_is_the_parameter_of_the_learner(refined, make_learner, probed, collection):
+def test_the_override_of_match_is_the_parameter_of_the_learner(
+    refined, make_learner, probed, collection
+):
     plain = make_learner(n_functions=8).fit(probed[:5], collection.truths[:5])
     (asked,) = skfmap.match(plain, probed[5:], refine="bijective-zoomout")
     (fitted,) = refined.match(probed[5:])
@@ -182,7 +194,9 @@ def test_a_shape_is_refined_onto_itself(refined, probed):
 
 
 def test_refinement_does_not_depend_on_pose_scale_and_numbering(make_model, collection, refined):
-    model = make_model(n_functions=8, refine="bijective-zoomout").fit(collection.meshes[:5], collection.truths[:5])
+    model = make_model(n_functions=8, refine="bijective-zoomout").fit(
+        collection.meshes[:5], collection.truths[:5]
+    )
     mesh = collection.meshes[5]
     order = np.random.default_rng(0).permutation(mesh.n_vertices)
     moved = mesh.vertices @ Rotation.from_rotvec([1.0, 2, 3]).as_matrix().T * 30 + 5
@@ -194,7 +208,10 @@ def test_refinement_does_not_depend_on_pose_scale_and_numbering(make_model, coll
 def test_refine_can_be_searched(make_learner, probed, collection):
     learner = make_learner(n_functions=4, weighting=None)
     search = GridSearchCV(
-        learner, {"refine": [None, "bijective-zoomout"]}, cv=PinnedReference(LeaveOneOut()), refit=False
+        learner,
+        {"refine": [None, "bijective-zoomout"]},
+        cv=PinnedReference(LeaveOneOut()),
+        refit=False,
     ).fit(probed[:4], collection.truths[:4])
     assert search.best_params_ == {"refine": "bijective-zoomout"}
 
@@ -222,7 +239,8 @@ def test_matrices_pull_constants_and_coordinates_back(refined, probed, interpola
         points = probed[5].spectral.evecs @ match.refined_map
         functions = trusted_functions(refined.truncation_covariance_)
         to_vertex, to_triangle = (
-            np.linalg.norm((points - image) @ functions, axis=1) for image in (evecs[match.p2p], match.matrix @ evecs)
+            np.linalg.norm((points - image) @ functions, axis=1)
+            for image in (evecs[match.p2p], match.matrix @ evecs)
         )
         assert (to_triangle <= to_vertex + 1e-9).all()
         assert to_triangle.mean() < 0.95 * to_vertex.mean()
@@ -247,13 +265,15 @@ def test_functions_are_transferred_with_the_doubtful_part_marked(refined, probed
 @pytest.mark.parametrize("wrong", [np.zeros(3), np.zeros(()), [1.0, 2.0]])
 def test_functions_that_are_not_on_the_reference_are_refused(refined, probed, wrong):
     (match,) = refined.match(probed[5:])
-    with pytest.raises(ValueError, match=r"values must have one entry or row for each of the .* vertices"):
+    with pytest.raises(
+        ValueError, match=r"values must have one entry or row for each of the .* vertices"
+    ):
         match.transfer(wrong)
 
 
 def test_stable_functions_support_good_matches_more(refined, probed):
     matcher = refined.matcher_
-    match, _ = matcher.match(probed[5], matcher.solve(probed[5]).C)
+    match, _ = matcher.match_points(probed[5], matcher.solve(probed[5]).C)
     shuffled = match._replace(p2p=np.random.default_rng(0).permutation(match.p2p))
     right, wrong = (count_supporting(matcher, probed[5], one) for one in (match, shuffled))
     assert 0 <= wrong.min() <= right.max() <= 8
@@ -282,7 +302,9 @@ def test_expected_errors_rank_true_ones(refined, probed, collection):
 
 def test_sparse_landmarks_can_be_refined(make_learner, probed, collection):
     some = [truth.restrict(truth.pairs[::40, 1]) for truth in collection.truths]
-    learner = make_learner(n_functions=8, weighting=None, refine="bijective-zoomout").fit(probed[:4], some[:4])
+    learner = make_learner(n_functions=8, weighting=None, refine="bijective-zoomout").fit(
+        probed[:4], some[:4]
+    )
     assert np.linalg.eigvalsh(learner.truncation_covariance_).min() > -1e-12
     dense = learner.pair_errors(probed[5:], collection.truths[5:], reference_y=collection.truths[0])
     assert dense[0].mean("direct") < 0.1
@@ -295,7 +317,9 @@ def test_learners_are_not_needed_for_the_match(refined):
 
 def test_a_match_made_by_hand_says_what_it_lacks(refined, probed):
     (match,) = refined.match(probed[5:])
-    bare = skfmap.Match(match.p2p, match.expected_error, match.confidence, match.functional_map, match.reduced_map)
+    bare = skfmap.Match(
+        match.p2p, match.expected_error, match.confidence, match.functional_map, match.reduced_map
+    )
     with pytest.raises(ValueError, match="holds no matrix"):
         bare.transfer(np.zeros(3))
     with pytest.raises(ValueError, match="with their matrices and inverses"):

@@ -1,4 +1,4 @@
-"""Three ways to solve the row systems of equation (2), and the search over weights that they serve."""
+"""Three ways to solve the row systems of equation (2), and the search that they serve."""
 
 from dataclasses import replace
 
@@ -64,12 +64,16 @@ def test_penalties_are_values_of_the_quadratic(regularizer):
     t, a, b, c, growth = penalty_quadratic(evals, evals_0, 0.2, regularizer)
     t = t[:, :, None]
     expected = np.stack([penalty_of(e, evals_0, 0.2, regularizer) for e in evals])
-    np.testing.assert_allclose((a * t**2 - 2 * b * t + c) / (1 + growth * t**2), expected, atol=1e-14)
+    np.testing.assert_allclose(
+        (a * t**2 - 2 * b * t + c) / (1 + growth * t**2), expected, atol=1e-14
+    )
 
 
 def test_other_regularisers_have_no_quadratic():
     evals_0, evals = spectra(np.random.default_rng(0), 3, 12)
-    assert penalty_quadratic(evals, evals_0, 0.2, lambda evals_i, evals_0: np.ones((12, 12))) is None
+    assert (
+        penalty_quadratic(evals, evals_0, 0.2, lambda evals_i, evals_0: np.ones((12, 12))) is None
+    )
 
 
 @given(st.integers(2, 40), st.integers(1, 50), st.sampled_from(QUADRATIC), st.integers(0, 2**31))
@@ -106,7 +110,9 @@ def test_rows_that_are_off_the_quadratic_are_solved_all_the_same():
 
 
 def test_systems_that_are_not_definite_are_refused():
-    quadratic = PenaltyQuadratic(np.zeros((1, 3)), np.ones(3), np.arange(3.0), np.arange(3.0) ** 2, 0.0)
+    quadratic = PenaltyQuadratic(
+        np.zeros((1, 3)), np.ones(3), np.arange(3.0), np.arange(3.0) ** 2, 0.0
+    )
     with pytest.raises(np.linalg.LinAlgError, match="positive definite"):
         QuadraticSystems(-np.eye(3), quadratic)
     with pytest.raises(np.linalg.LinAlgError, match="not finite"):
@@ -146,7 +152,9 @@ def test_loss_and_gradient_do_not_depend_on_how_rows_are_solved(regularizer, dec
     assert bool(decomposed) == (regularizer in QUADRATIC)
     assert loss == pytest.approx(other_loss, rel=1e-9)
     np.testing.assert_allclose(gradient, other_gradient, atol=1e-8 * np.abs(other_gradient).max())
-    np.testing.assert_allclose(problem.solve(weights), row_by_row(problem).solve(weights), atol=1e-8)
+    np.testing.assert_allclose(
+        problem.solve(weights), row_by_row(problem).solve(weights), atol=1e-8
+    )
 
 
 @pytest.mark.parametrize("regularizer", QUADRATIC)
@@ -201,7 +209,9 @@ def test_shapes_in_two_chunks_add_up():
     ]
     loss, gradient = problem.loss_gradient(weights, 0.1)
     assert loss == pytest.approx(sum(one[0] for one in halves), rel=1e-10)
-    np.testing.assert_allclose(gradient, sum(one[1] for one in halves), atol=1e-9 * np.abs(gradient).max())
+    np.testing.assert_allclose(
+        gradient, sum(one[1] for one in halves), atol=1e-9 * np.abs(gradient).max()
+    )
 
 
 def test_coarse_groups_hold_whole_groups():
@@ -225,7 +235,9 @@ def test_weights_that_begin_coarse_end_converged_in_every_weight():
         coarse=coarse_groups(groups, labels),
         max_iter=500,
         tol=1e-5,
-        callback=lambda iteration, loss, weights: told.append((iteration, loss, len(np.unique(weights)))),
+        callback=lambda iteration, loss, weights: told.append(
+            (iteration, loss, len(np.unique(weights)))
+        ),
     )
     assert optimum.converged
     assert optimum.gradient_norm <= 1e-5
@@ -241,7 +253,14 @@ def test_iterations_over_categories_count(most):
     problem = make_problem(np.random.default_rng(8), n=4, k=10)
     labels = ["a"] * 10 + ["b"] * 10
     groups = weight_groups("function", labels)
-    optimum = optimize_weights(problem, groups, 0.1, coarse=coarse_groups(groups, labels), max_iter=most, tol=1e-12)
+    optimum = optimize_weights(
+        problem, groups, 0.1, coarse=coarse_groups(groups, labels), max_iter=most, tol=1e-12
+    )
     assert optimum.n_iter == most
     assert not optimum.converged
     assert np.isfinite(optimum.gradient_norm)
+
+
+def test_a_row_system_that_is_not_definite_says_what_to_raise():
+    with pytest.raises(np.linalg.LinAlgError, match="not positive definite; raise alpha"):
+        RowSystems(np.zeros((3, 3)), np.zeros((1, 3)))

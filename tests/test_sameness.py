@@ -34,7 +34,8 @@ def test_threads_of_the_linear_algebra_change_no_function_space():
     np.testing.assert_allclose(one.evals, two.evals, atol=1e-8)
 
 
-# Another process, whose BLAS multiplies with other instructions, in other orders: as good as another library.
+# Another process, whose BLAS multiplies with other instructions, in other orders: as good as
+# another library.
 _ELSEWHERE = """
 import sys
 import joblib, numpy as np
@@ -46,11 +47,13 @@ given, out = joblib.load(sys.argv[1]), sys.argv[2]
 blas = {info["architecture"] for info in threadpool_info() if info["internal_api"] == "openblas"}
 shapes = skfmap.SpectralBasis(30).transform(given["meshes"])
 probed = skfmap.DescriptorTransformer().transform(shapes)
-learner = skfmap.WeightedFunctionalMapLearner(n_functions=12, tol=1e-3).fit(probed[:5], given["truths"][:5])
+learner = skfmap.WeightedFunctionalMapLearner(n_functions=12, tol=1e-3)
+learner.fit(probed[:5], given["truths"][:5])
 loss, gradient = LearningProblem(*given["problem"]).loss_gradient(given["weights"], 0.1)
 joblib.dump({
     "blas": blas, "shapes": shapes, "loss": loss, "gradient": gradient,
-    "loaded": given["fitted"].point_maps(probed[5:])[0], "fitted": learner.point_maps(probed[5:])[0],
+    "loaded": given["fitted"].point_maps(probed[5:])[0],
+    "fitted": learner.point_maps(probed[5:])[0],
 }, out)
 """
 
@@ -58,14 +61,19 @@ joblib.dump({
 def _run_elsewhere(place, given, name, **environment):
     (place / "run.py").write_text(_ELSEWHERE)
     joblib.dump(given, place / "given.joblib")
-    command = [sys.executable, str(place / "run.py"), str(place / "given.joblib"), str(place / name)]
+    command = [
+        sys.executable,
+        str(place / "run.py"),
+        str(place / "given.joblib"),
+        str(place / name),
+    ]
     subprocess.run(command, check=True, env=os.environ | environment, timeout=300)
     return joblib.load(place / name)
 
 
 @pytest.fixture(scope="module")
 def elsewhere(tmp_path_factory, collection, fitted):
-    """Return results of this machine's own kernels, of the oldest ones that it has, and of two threads."""
+    """Return results of this machine's kernels, of the oldest that it has, and of two threads."""
     rng, k, m = np.random.default_rng(0), 12, 20
     maps = np.eye(k) + 0.3 * rng.standard_normal((4, k, k))
     problem = (
@@ -76,7 +84,12 @@ def elsewhere(tmp_path_factory, collection, fitted):
         np.ones(4),
     )
     weights = np.exp(rng.standard_normal(m))
-    given = {"meshes": collection.meshes, "truths": collection.truths, "fitted": fitted, "problem": problem}
+    given = {
+        "meshes": collection.meshes,
+        "truths": collection.truths,
+        "fitted": fitted,
+        "problem": problem,
+    }
     place = tmp_path_factory.mktemp("elsewhere")
     one = {"OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"}
     two = {"OPENBLAS_NUM_THREADS": "2", "OMP_NUM_THREADS": "2"}
@@ -103,7 +116,7 @@ def test_another_linear_algebra_gives_the_same_answers(elsewhere, where):
 
 @pytest.fixture(scope="module")
 def results(fitted, probed, collection, make_learner):
-    """Return what is compared with what it was: spectra, the loss at fixed weights, the learned loss, a point map."""
+    """Return what must stay: spectra, losses at fixed and at learned weights, a point map."""
     naive = make_learner(weighting=None, epsilon=0.1).fit(probed[:5], collection.truths[:5])
     (p2p,) = fitted.point_maps(probed[5:])
     return {
@@ -115,7 +128,7 @@ def results(fitted, probed, collection, make_learner):
 
 
 def test_results_are_what_they_were(results):
-    """A difference is a change of results: say it in the changelog, and write the file anew with SKFMAP_FREEZE=1."""
+    """A change of results goes into the changelog, and the file is made anew by SKFMAP_FREEZE=1."""
     if os.environ.get("SKFMAP_FREEZE"):
         FROZEN.write_text(json.dumps(results) + "\n", encoding="utf-8")
     frozen = json.loads(FROZEN.read_text(encoding="utf-8"))

@@ -28,6 +28,12 @@ from skfmap.metrics import get_scorer, get_scorer_names
 from skfmap.model_selection import PinnedReference
 
 
+@pytest.fixture(scope="session")
+def make_learner(make_learner):
+    """Return the function that makes learners; searches compare scores, and calibrate nothing."""
+    return lambda **parameters: make_learner(**{"confidence": None, **parameters})
+
+
 @pytest.fixture(scope="module")
 def memory(tmp_path_factory):
     """Return a cache of bases and probes, which these tests do not change."""
@@ -54,7 +60,13 @@ def test_plain_cross_validation_works_too(make_learner, probed, collection):
         {"learner__epsilon": ["auto", 1.0]},
         {"learner__weighting": [None, "category"], "learner__matching": ["cut"]},
         {"probes__hks__n_functions": [2, 5], "probes__families": ["paper"]},
-        {"probes__families": [None, "paper", [("hks", HeatKernelSignature(20)), ("wks", WaveKernelSignature(20))]]},
+        {
+            "probes__families": [
+                None,
+                "paper",
+                [("hks", HeatKernelSignature(20)), ("wks", WaveKernelSignature(20))],
+            ]
+        },
         {"basis__n_components": [20, 30], "basis__laplacian": ["cotangent", "robust"]},
     ],
     ids="+".join,
@@ -70,7 +82,9 @@ def test_grid_search(make_model, collection, grid, memory):
 
 
 def test_scorers_in_a_search(make_learner, symmetric_probed, symmetric_collection):
-    scoring = {kind: get_scorer(f"neg_{kind}geodesic_error") for kind in ("", "consistent_", "per_vertex_")}
+    scoring = {
+        kind: get_scorer(f"neg_{kind}geodesic_error") for kind in ("", "consistent_", "per_vertex_")
+    }
     search = GridSearchCV(
         make_learner(),
         {"weighting": [None]},
@@ -79,7 +93,9 @@ def test_scorers_in_a_search(make_learner, symmetric_probed, symmetric_collectio
         refit="consistent_",
         error_score="raise",
     ).fit(symmetric_probed, symmetric_collection.truths)
-    direct, consistent, per_vertex = (search.cv_results_[f"mean_test_{kind}"][0] for kind in scoring)
+    direct, consistent, per_vertex = (
+        search.cv_results_[f"mean_test_{kind}"][0] for kind in scoring
+    )
     assert direct <= consistent <= per_vertex < 0
 
 
@@ -113,13 +129,23 @@ def test_match_refuses_other_models(probed):
 def test_sample_weights_are_routed(make_learner, probed, collection):
     share, cv = np.array([1.0, 1, 1, 5, 1, 1]), PinnedReference(2)
     with sklearn.config_context(enable_metadata_routing=True):
-        learner = make_learner(weighting=None).set_fit_request(sample_weight=True).set_score_request(sample_weight=True)
+        learner = (
+            make_learner(weighting=None)
+            .set_fit_request(sample_weight=True)
+            .set_score_request(sample_weight=True)
+        )
         search = GridSearchCV(learner, {"epsilon": ["auto"]}, cv=cv, error_score="raise")
         search.fit(probed, collection.truths, sample_weight=share)
     (train, test), _ = cv.split(probed)
     part = make_learner(weighting=None)
-    part.fit([probed[i] for i in train], [collection.truths[i] for i in train], sample_weight=share[train])
-    by_hand = part.score([probed[i] for i in test], [collection.truths[i] for i in test], sample_weight=share[test])
+    part.fit(
+        [probed[i] for i in train],
+        [collection.truths[i] for i in train],
+        sample_weight=share[train],
+    )
+    by_hand = part.score(
+        [probed[i] for i in test], [collection.truths[i] for i in test], sample_weight=share[test]
+    )
     assert search.cv_results_["split0_test_score"][0] == by_hand
 
 
@@ -155,7 +181,11 @@ def test_cross_validate_returns_fitted_models_that_match(make_model, collection)
 )
 def test_any_splitter(cv, make_learner, probed, collection):
     scores = cross_val_score(
-        make_learner(weighting=None), probed[:4], collection.truths[:4], cv=PinnedReference(cv), error_score="raise"
+        make_learner(weighting=None),
+        probed[:4],
+        collection.truths[:4],
+        cv=PinnedReference(cv),
+        error_score="raise",
     )
     assert (scores < 0).all()
 
@@ -171,7 +201,10 @@ def test_searches_take_lists_tuples_and_object_arrays(container, make_model, col
 
     X, y = wrap(collection.meshes[:4]), wrap(collection.truths[:4])
     search = GridSearchCV(
-        make_model(memory=memory), {"learner__weighting": [None]}, cv=PinnedReference(2), error_score="raise"
+        make_model(memory=memory),
+        {"learner__weighting": [None]},
+        cv=PinnedReference(2),
+        error_score="raise",
     ).fit(X, y)
     assert search.score(X, y) < 0
     assert len(skfmap.match(search, X)) == 4
@@ -179,12 +212,14 @@ def test_searches_take_lists_tuples_and_object_arrays(container, make_model, col
 
 def test_ragged_correspondences_as_plain_arrays(make_learner, probed, collection):
     y = [truth.pairs[: 300 - 20 * i] for i, truth in enumerate(collection.truths[:4])]
-    scores = cross_val_score(make_learner(weighting=None), probed[:4], y, cv=PinnedReference(3), error_score="raise")
+    scores = cross_val_score(
+        make_learner(weighting=None), probed[:4], y, cv=PinnedReference(3), error_score="raise"
+    )
     assert (scores < 0).all()
 
 
 def test_a_list_of_grids_asks_whether_learning_pays(make_learner, probed, collection):
-    """The naive baseline has no epsilon to search over, and learned weights no need for another alpha."""
+    """The naive baseline has no epsilon to search, and learned weights need no other alpha."""
     grids = [
         {"weighting": [None], "alpha": [1e-3, 1e-2]},
         {"weighting": ["unique", "category"], "epsilon": ["auto"]},
@@ -194,36 +229,59 @@ def test_a_list_of_grids_asks_whether_learning_pays(make_learner, probed, collec
     assert len(search.cv_results_["params"]) == 4
     assert search.best_score_ == search.cv_results_["mean_test_score"].max()
     (best,) = skfmap.match(search, probed[5:])
-    again = clone(search.estimator).set_params(**search.best_params_).fit(probed[:4], collection.truths[:4])
+    again = (
+        clone(search.estimator)
+        .set_params(**search.best_params_)
+        .fit(probed[:4], collection.truths[:4])
+    )
     assert_array_equal(best.p2p, again.match(probed[5:])[0].p2p)
 
 
 def test_results_of_a_search_make_a_frame(make_learner, probed, collection):
     pandas = pytest.importorskip("pandas")
-    search = GridSearchCV(make_learner(), {"weighting": [None, "unique"]}, cv=PinnedReference(2), error_score="raise")
+    search = GridSearchCV(
+        make_learner(), {"weighting": [None, "unique"]}, cv=PinnedReference(2), error_score="raise"
+    )
     frame = pandas.DataFrame(search.fit(probed[:4], collection.truths[:4]).cv_results_)
-    assert [params["weighting"] for params in frame["params"]] == [None, "unique"]  # "param_weighting" has NaN for None
+    assert [params["weighting"] for params in frame["params"]] == [
+        None,
+        "unique",
+    ]  # "param_weighting" has NaN for None
     assert frame["rank_test_score"].min() == 1
 
 
 @pytest.mark.filterwarnings("ignore::skfmap.exceptions.DisagreementWarning")
-def test_stable_functions_are_searched_over_without_another_fit_changing(make_learner, probed, collection):
+def test_stable_functions_are_searched_over_without_another_fit_changing(
+    make_learner, probed, collection
+):
     search = GridSearchCV(
-        make_learner(weighting=None, matching="cut"), {"n_stable": [2, 0.5, 1.0]}, cv=PinnedReference(2)
+        make_learner(weighting=None, matching="cut"),
+        {"n_stable": [2, 0.5, 1.0]},
+        cv=PinnedReference(2),
     ).fit(probed[:5], collection.truths[:5])
-    assert search.cv_results_["mean_test_score"][0] < search.best_score_  # two functions tell no points apart
+    assert (
+        search.cv_results_["mean_test_score"][0] < search.best_score_
+    )  # two functions tell no points apart
 
 
 def test_randomized_search_is_repeatable(make_learner, probed, collection):
     space = {"epsilon": [0.01, 0.1, 1.0, "auto"], "weighting": ["unique", "category"]}
     runs = [
         RandomizedSearchCV(
-            make_learner(), space, n_iter=2, random_state=0, cv=PinnedReference(2), n_jobs=n_jobs, error_score="raise"
+            make_learner(),
+            space,
+            n_iter=2,
+            random_state=0,
+            cv=PinnedReference(2),
+            n_jobs=n_jobs,
+            error_score="raise",
         ).fit(probed[:4], collection.truths[:4])
         for n_jobs in (1, 2)
     ]
     assert runs[0].cv_results_["params"] == runs[1].cv_results_["params"]
-    assert_array_equal(runs[0].cv_results_["mean_test_score"], runs[1].cv_results_["mean_test_score"])
+    assert_array_equal(
+        runs[0].cv_results_["mean_test_score"], runs[1].cv_results_["mean_test_score"]
+    )
 
 
 @pytest.mark.filterwarnings("ignore::sklearn.exceptions.ConvergenceWarning")
@@ -256,14 +314,20 @@ def test_successive_halving_over_samples_loses_the_reference(make_learner, probe
         random_state=0,
         error_score="raise",
     )
-    with pytest.raises(ValueError, match=r"must name exactly one of the training shapes.*PinnedReference"):
+    with pytest.raises(
+        ValueError, match=r"must name exactly one of the training shapes.*PinnedReference"
+    ):
         search.fit(probed, collection.truths)
 
 
 def test_nested_searches_pin_both_loops(make_learner, probed, collection):
     X, y = probed[:4], collection.truths[:4]
     inner = GridSearchCV(
-        make_learner(), {"weighting": [None, "unique"]}, cv=PinnedReference(2), n_jobs=1, error_score="raise"
+        make_learner(),
+        {"weighting": [None, "unique"]},
+        cv=PinnedReference(2),
+        n_jobs=1,
+        error_score="raise",
     )
     result = cross_validate(
         inner,
@@ -300,7 +364,9 @@ def test_scorers_that_forgive_symmetry_need_symmetric_answers(fitted, probed, co
             get_scorer(name)(fitted, probed[5:], collection.truths[5:])
 
 
-def test_predictions_of_a_cross_validation_are_of_the_left_out_shapes(make_learner, probed, collection):
-    """Without a pin each sample is left out once, the reference too: then its fold has another one."""
+def test_predictions_of_a_cross_validation_are_of_the_left_out_shapes(
+    make_learner, probed, collection
+):
+    """Without a pin each sample is left out once, the reference too: its fold has another one."""
     maps = cross_val_predict(make_learner(weighting=None), probed, collection.truths, cv=KFold(3))
     assert maps.shape == (6, 12, 6)

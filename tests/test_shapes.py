@@ -11,7 +11,8 @@ import scipy.sparse as sp
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from skfmap import Correspondence, Match, Mesh, SpectralBasis
+from skfmap import Correspondence, Match, Mesh, SpectralBasis, check_mesh, repair_mesh
+from skfmap.datasets import make_sphere
 from skfmap.exceptions import CorrespondenceError, MeshError
 
 quick = settings(max_examples=40)
@@ -54,7 +55,10 @@ def test_mesh_shares_no_memory_with_its_input(tetrahedron):
 
 
 def test_making_a_mesh_leaves_its_input_as_it_was(tetrahedron):
-    vertices, faces = np.asfortranarray(tetrahedron[0], dtype=np.float32), tetrahedron[1].astype(np.uint16)
+    vertices, faces = (
+        np.asfortranarray(tetrahedron[0], dtype=np.float32),
+        tetrahedron[1].astype(np.uint16),
+    )
     Mesh(vertices, faces)
     assert vertices.flags.writeable
     assert faces.flags.writeable
@@ -83,7 +87,9 @@ def test_hash_sees_the_order_of_faces_and_vertices(tetrahedron, mesh):
     assert Mesh(vertices[::-1], faces).content_hash != mesh.content_hash
 
 
-@pytest.mark.parametrize("duplicate", [copy.copy, copy.deepcopy, lambda mesh: pickle.loads(pickle.dumps(mesh))])
+@pytest.mark.parametrize(
+    "duplicate", [copy.copy, copy.deepcopy, lambda mesh: pickle.loads(pickle.dumps(mesh))]
+)
 def test_copies_of_a_mesh_are_the_mesh(mesh, duplicate):
     other = duplicate(mesh)
     assert other.name == "tetra"
@@ -92,7 +98,9 @@ def test_copies_of_a_mesh_are_the_mesh(mesh, duplicate):
     np.testing.assert_array_equal(other.faces, mesh.faces)
 
 
-@pytest.mark.parametrize("duplicate", [copy.deepcopy, lambda mesh: pickle.loads(pickle.dumps(mesh))])
+@pytest.mark.parametrize(
+    "duplicate", [copy.deepcopy, lambda mesh: pickle.loads(pickle.dumps(mesh))]
+)
 def test_copies_of_a_mesh_cannot_be_changed_either(mesh, duplicate):
     other = duplicate(mesh)
     with pytest.raises(ValueError, match="read-only"):
@@ -165,7 +173,9 @@ def test_spectral_shape_keeps_both_units(collection):
     big = Mesh(10 * mesh.vertices, mesh.faces)
     one, other = SpectralBasis(6).transform([mesh, big])
     np.testing.assert_allclose(one.evals, other.evals, rtol=1e-8, atol=1e-9)
-    np.testing.assert_allclose(one.evals_in_mesh_units, 100 * other.evals_in_mesh_units, rtol=1e-8, atol=1e-9)
+    np.testing.assert_allclose(
+        one.evals_in_mesh_units, 100 * other.evals_in_mesh_units, rtol=1e-8, atol=1e-9
+    )
     np.testing.assert_allclose(one.vertices, other.vertices)
     assert other.area == pytest.approx(100 * one.area)
     assert Mesh(one.vertices, mesh.faces).area == pytest.approx(1)
@@ -190,7 +200,9 @@ def test_a_single_function_of_the_probed_shape_is_its_column(probed):
 
 
 def test_match_says_both_names():
-    match = Match(np.zeros(2, int), np.array([0.1, 0.3]), np.ones(2), np.eye(2), np.eye(2), "cat1", "cat0")
+    match = Match(
+        np.zeros(2, int), np.array([0.1, 0.3]), np.ones(2), np.eye(2), np.eye(2), "cat1", "cat0"
+    )
     assert repr(match) == "Match('cat1' -> 'cat0', mean expected error 0.200 sqrt(area))"
 
 
@@ -215,7 +227,9 @@ def test_all_constructors_say_the_same(points, points_0):
     expected = sorted((v, list(points_0).index(p), p, 1.0) for v, p in enumerate(points.tolist()))
     for form in forms:
         assert rows_of(form.join(reference)) == expected
-        assert rows_of(form.join(form)) == sorted((v, v, p, 1.0) for v, p in enumerate(points.tolist()))
+        assert rows_of(form.join(form)) == sorted(
+            (v, v, p, 1.0) for v, p in enumerate(points.tolist())
+        )
 
 
 _pairs = st.lists(st.tuples(st.integers(0, 5), st.integers(0, 4)), max_size=12)
@@ -227,7 +241,10 @@ def test_join_agrees_with_brute_force(pairs_i, pairs_0, random):
     weights_i, weights_0 = ([random.randint(0, 3) for _ in pairs] for pairs in (pairs_i, pairs_0))
     a = Correspondence(np.reshape(pairs_i, (-1, 2)).astype(int), weights=weights_i)
     b = Correspondence(np.reshape(pairs_0, (-1, 2)).astype(int), weights=weights_0)
-    on_point = {p: sum(w for (_, q), w in zip(pairs_0, weights_0, strict=True) if q == p) for _, p in pairs_0}
+    on_point = {
+        p: sum(w for (_, q), w in zip(pairs_0, weights_0, strict=True) if q == p)
+        for _, p in pairs_0
+    }
     expected = [
         (v, v_0, point, w * (w_0 / on_point[point]))
         for (v, point), w in zip(pairs_i, weights_i, strict=True)
@@ -236,7 +253,9 @@ def test_join_agrees_with_brute_force(pairs_i, pairs_0, random):
     ]
     joined = a.join(b)
     assert rows_of(joined) == sorted(expected)
-    assert joined.vertices_i.tolist() == [row[0] for row in expected]  # in the order of the first shape's pairs
+    assert joined.vertices_i.tolist() == [
+        row[0] for row in expected
+    ]  # in the order of the first shape's pairs
 
 
 def test_unknown_vertices_and_points_are_left_out():
@@ -258,7 +277,11 @@ def test_one_dimension_is_refused_with_both_readings():
 
 @pytest.mark.parametrize(
     "make",
-    [lambda a: Correspondence(np.column_stack([a, a])), Correspondence.from_vertices, Correspondence.from_template],
+    [
+        lambda a: Correspondence(np.column_stack([a, a])),
+        Correspondence.from_vertices,
+        Correspondence.from_template,
+    ],
 )
 @pytest.mark.parametrize("dtype", [float, bool, object])
 def test_only_integers_number_vertices(make, dtype):
@@ -333,7 +356,13 @@ def test_an_empty_join_is_empty_and_of_the_right_types():
     joined = Correspondence([[0, 1]]).join(Correspondence([[0, 2]]))
     nothing = Correspondence(np.empty((0, 2), int)).join(Correspondence([[0, 2]]))
     for pairs in (joined, nothing):
-        assert len(pairs.points) == len(pairs.vertices_i) == len(pairs.vertices_0) == len(pairs.weights) == 0
+        assert (
+            len(pairs.points)
+            == len(pairs.vertices_i)
+            == len(pairs.vertices_0)
+            == len(pairs.weights)
+            == 0
+        )
         assert np.issubdtype(pairs.vertices_0.dtype, np.integer)
 
 
@@ -359,7 +388,10 @@ def test_symmetric_constructors_agree():
 
 def test_restriction_keeps_the_pairs_of_the_chosen_points():
     truth = Correspondence(
-        [[0, 3], [1, 4], [2, 5], [6, 3]], [[1, 4], [0, 3]], weights=[1, 2, 3, 4], symmetric_weights=[5, 6]
+        [[0, 3], [1, 4], [2, 5], [6, 3]],
+        [[1, 4], [0, 3]],
+        weights=[1, 2, 3, 4],
+        symmetric_weights=[5, 6],
     )
     cut = truth.restrict([3, 5])
     assert cut.pairs.tolist() == [[0, 3], [2, 5], [6, 3]]
@@ -387,3 +419,38 @@ def test_correspondence_survives_pickling():
     truth = pickle.loads(pickle.dumps(Correspondence.from_template([3, 1], symmetric=[1, 3])))
     assert truth.pairs.tolist() == [[3, 0], [1, 1]]
     assert truth.symmetric_pairs.tolist() == [[1, 0], [3, 1]]
+
+
+MASKED = np.ma.masked_array([4, 5, 6], mask=[0, 1, 1])
+
+
+def test_what_is_masked_is_unknown_or_refused():
+    assert Correspondence.from_vertices(MASKED).pairs.tolist() == [[0, 4]]
+    assert Correspondence.from_template(MASKED).pairs.tolist() == [[4, 0]]
+    ball = make_sphere(n_subdivisions=2)
+    vertices, faces = (
+        np.ma.masked_greater(np.array(ball.vertices), 0.9),
+        np.ma.masked_less(np.array(ball.faces), 3),
+    )
+    for mesh in ((vertices, ball.faces), (ball.vertices, faces)):
+        with pytest.raises(MeshError, match="must not be masked"):
+            Mesh(*mesh)
+        assert not check_mesh(mesh).usable()
+    pairs = np.ma.masked_array([[0, 0], [1, 1]], mask=[[0, 0], [1, 1]])
+    with pytest.raises(CorrespondenceError, match="pairs must not be masked"):
+        Correspondence(pairs)
+    with pytest.raises(CorrespondenceError, match="weights must not be masked"):
+        Correspondence([[0, 0], [1, 1]], weights=np.ma.masked_array([1.0, 2], mask=[0, 1]))
+
+
+@pytest.mark.parametrize(
+    "change",
+    [lambda v: v + 1j, lambda v: v.astype("M8[s]"), lambda v: v > 0, lambda v: v.astype(str)],
+)
+def test_coordinates_are_real_numbers(change):
+    ball = make_sphere(n_subdivisions=2)
+    with pytest.raises(MeshError, match="must hold real numbers"):
+        Mesh(change(ball.vertices), ball.faces)
+    assert not check_mesh((change(ball.vertices), ball.faces)).usable()
+    with pytest.raises(MeshError, match="must hold real numbers"):
+        repair_mesh((change(ball.vertices), ball.faces))

@@ -1,7 +1,7 @@
-"""scikit-learn's own checks, strictly: each that cannot hold for shapes is named, with the reason and its twin here.
+"""scikit-learn's own checks; each that cannot hold for shapes is named, with its twin here.
 
-The truthful tag says that samples are no rows of a table, which switches nearly all of scikit-learn's checks off. A
-subclass flips it, so that they run.
+The truthful tag says that samples are no rows of a table, which switches nearly all of
+scikit-learn's checks off. A subclass flips it, so that they run.
 """
 
 import inspect
@@ -18,17 +18,22 @@ from skfmap import DescriptorTransformer, SpectralBasis, WeightedFunctionalMapLe
 if "xfail_strict" not in inspect.signature(parametrize_with_checks).parameters:
     pytest.skip("strict checks came with scikit-learn 1.8", allow_module_level=True)
 
-# Twins are tests of tests/test_estimators.py and tests/test_bad_input.py unless another file is named.
+# Twins are tests of tests/test_estimators.py and tests/test_bad_input.py unless another file is
+# named.
+_ALONE = "twin: test_a_shape_is_transformed_and_matched_by_itself"
+_REFUSED = "numeric tables are refused whatever they hold: test_tables_are_refused"
+_STATELESS = "twin: test_transformers_need_no_fit_and_fit_returns_self"
+_UNCHANGED = "twin: test_fit_returns_self_and_changes_neither_parameters_nor_input"
 _TABLES = {
-    "check_complex_data": "numeric tables are refused whatever they hold: test_tables_are_refused",
-    "check_dict_unchanged": "twin: test_fit_returns_self_and_changes_neither_parameters_nor_input",
-    "check_dont_overwrite_parameters": "twin: test_fit_returns_self_and_changes_neither_parameters_nor_input",
+    "check_complex_data": _REFUSED,
+    "check_dict_unchanged": _UNCHANGED,
+    "check_dont_overwrite_parameters": _UNCHANGED,
     "check_dtype_object": "twin: test_steps_in_the_wrong_order_are_told_apart",
     "check_estimators_dtypes": "meshes have one dtype: tests/test_shapes.py",
     "check_estimators_empty_data_messages": "twin: test_empty_input_is_refused_everywhere",
-    "check_estimators_fit_returns_self": "twin: test_transformers_need_no_fit_and_fit_returns_self",
+    "check_estimators_fit_returns_self": _STATELESS,
     "check_estimators_nan_inf": "twin: the checks of Mesh in tests/test_shapes.py",
-    "check_estimators_overwrite_params": "twin: test_fit_returns_self_and_changes_neither_parameters_nor_input",
+    "check_estimators_overwrite_params": _UNCHANGED,
     "check_estimators_pickle": "twin: test_a_saved_model_predicts_bit_by_bit_the_same",
     "check_f_contiguous_array_estimator": "meshes have one memory layout: tests/test_shapes.py",
     "check_fit1d": "twin: test_tables_are_refused",
@@ -38,19 +43,19 @@ _TABLES = {
     "check_fit_check_is_fitted": "twin: test_unfitted_models_say_so",
     "check_fit_idempotent": "twin: test_fitting_again_gives_the_same_and_forgets",
     "check_fit_score_takes_y": "twin: test_score_is_minus_the_mean_direct_error",
-    "check_methods_sample_order_invariance": "twin: test_a_shape_is_transformed_and_matched_by_itself",
-    "check_methods_subset_invariance": "twin: test_a_shape_is_transformed_and_matched_by_itself",
+    "check_methods_sample_order_invariance": _ALONE,
+    "check_methods_subset_invariance": _ALONE,
     "check_n_features_in": "shapes have no features; n_features_in_ is not set",
     "check_n_features_in_after_fitting": "shapes have no features; n_features_in_ is not set",
     "check_pipeline_consistency": "twin: test_the_pipeline_says_the_same_as_its_steps",
-    "check_positive_only_tag_during_fit": "numeric tables are refused whatever they hold: test_tables_are_refused",
+    "check_positive_only_tag_during_fit": _REFUSED,
     "check_readonly_memmap_input": "meshes are read-only: tests/test_shapes.py",
 }
 _TRANSFORMER = {
     "check_transformer_data_not_an_array": "twin: test_tables_are_refused",
-    "check_transformer_general": "twin: test_a_shape_is_transformed_and_matched_by_itself",
+    "check_transformer_general": _ALONE,
     "check_transformer_preserve_dtypes": "meshes have one dtype: tests/test_shapes.py",
-    "check_transformers_unfitted_stateless": "twin: test_transformers_need_no_fit_and_fit_returns_self",
+    "check_transformers_unfitted_stateless": _STATELESS,
 }
 _LEARNER = {
     "check_all_zero_sample_weights_error": "twin: test_bad_sample_weights_are_refused",
@@ -58,7 +63,7 @@ _LEARNER = {
     "check_sample_weight_equivalence_on_dense_data": "twin: test_weight_0_leaves_a_shape_out",
     "check_sample_weights_list": "twin: test_weight_0_leaves_a_shape_out",
     "check_sample_weights_not_an_array": "twin: test_weight_0_leaves_a_shape_out",
-    "check_sample_weights_not_overwritten": "twin: test_fit_returns_self_and_changes_neither_parameters_nor_input",
+    "check_sample_weights_not_overwritten": _UNCHANGED,
     "check_sample_weights_pandas_series": "twin: test_weight_0_leaves_a_shape_out",
     "check_sample_weights_shape": "twin: test_bad_sample_weights_are_refused",
 }
@@ -82,7 +87,9 @@ def _tabular(kind, *arguments):
         tags.input_tags.two_d_array = True
         return tags
 
-    flipped = type(kind.__name__, (kind,), {"__sklearn_tags__": sklearn_tags, "__module__": __name__})
+    flipped = type(
+        kind.__name__, (kind,), {"__sklearn_tags__": sklearn_tags, "__module__": __name__}
+    )
     return flipped(*arguments)
 
 
@@ -101,7 +108,9 @@ def test_scikit_learns_checks(estimator, check):
 
 def test_every_twin_exists():
     here = Path(__file__).parent
-    written = "".join(path.read_text() for path in here.glob("test_*.py") if path.name != Path(__file__).name)
+    written = "".join(
+        path.read_text() for path in here.glob("test_*.py") if path.name != Path(__file__).name
+    )
     written += inspect.getsource(test_tables_are_refused)
     for reason in {**_TABLES, **_TRANSFORMER, **_LEARNER}.values():
         for name in re.findall(r"\btest_\w+(?!\.py)\b", reason):
@@ -109,7 +118,14 @@ def test_every_twin_exists():
 
 
 @pytest.mark.parametrize(
-    "table", [np.zeros((4, 3)), np.zeros(4), np.full((2, 2), np.nan), np.eye(3) * 1j, sp.csr_array(np.eye(4))]
+    "table",
+    [
+        np.zeros((4, 3)),
+        np.zeros(4),
+        np.full((2, 2), np.nan),
+        np.eye(3) * 1j,
+        sp.csr_array(np.eye(4)),
+    ],
 )
 def test_tables_are_refused(table, fitted):
     for step in (SpectralBasis(), DescriptorTransformer(), fitted):

@@ -1,4 +1,4 @@
-"""Where symmetric bodies make values equal, the last bits, which differ between machines, choose nothing."""
+"""Where symmetry makes values equal, the last bits, which differ by machine, choose nothing."""
 
 import numpy as np
 import pytest
@@ -93,7 +93,7 @@ def test_of_pieces_of_equal_size_the_first_is_kept():
 
 
 def test_of_targets_that_are_equally_near_the_first_is_matched():
-    """Points in the middle between two targets, and copies of a target, whatever the last bits say."""
+    """Points in the middle between two targets, and copies of a target, whatever rounding says."""
     rng = np.random.default_rng(0)
     targets = rng.standard_normal((40, 12))
     targets = np.concatenate([targets, targets])

@@ -13,7 +13,9 @@ from skfmap.exceptions import UnfamiliarShapeWarning
 DATA = Path(os.environ.get("SKFMAP_DATA", Path(__file__).resolve().parents[2] / "shared" / "data"))
 pytestmark = [
     pytest.mark.tosca,
-    pytest.mark.skipif(not (DATA / "tosca_isometric").is_dir(), reason="the TOSCA shapes are not here"),
+    pytest.mark.skipif(
+        not (DATA / "tosca_isometric").is_dir(), reason="the TOSCA shapes are not here"
+    ),
 ]
 
 
@@ -34,7 +36,10 @@ def learner(cats, probed):
 
 
 def errors(learner, shapes, truths):
-    return [learner.pair_errors(shapes[4:], truths[4:], matching="cut", n_stable=share)[0] for share in (1.0, 0.5)]
+    return [
+        learner.pair_errors(shapes[4:], truths[4:], matching="cut", n_stable=share)[0]
+        for share in (1.0, 0.5)
+    ]
 
 
 def test_correspondences_and_reading_order(cats):
@@ -43,13 +48,18 @@ def test_correspondences_and_reading_order(cats):
     assert all(len(truth.pairs) == len(truth.symmetric_pairs) == 5000 for truth in truths)
     # On the standing cat the symmetric counterpart is the mirror image, so far as meshing allows.
     vertices, truth = shapes[0].vertices, truths[0]
-    gap = np.linalg.norm(vertices[truth.pairs[:, 0]] * [-1, 1, 1] - vertices[truth.symmetric_pairs[:, 0]], axis=1)
+    gap = np.linalg.norm(
+        vertices[truth.pairs[:, 0]] * [-1, 1, 1] - vertices[truth.symmetric_pairs[:, 0]], axis=1
+    )
     assert np.median(gap) < 0.03
 
 
 def test_learning_and_reducing_both_help(cats):
     shapes, truths = DescriptorTransformer("paper").transform(cats[0]), cats[1]
-    naive, learned = (WeightedFunctionalMapLearner(weighting=w).fit(shapes[:4], truths[:4]) for w in (None, "function"))
+    naive, learned = (
+        WeightedFunctionalMapLearner(weighting=w).fit(shapes[:4], truths[:4])
+        for w in (None, "function")
+    )
     naive_full, naive_reduced = (e.mean("per_vertex") for e in errors(naive, shapes, truths))
     learned_full, learned_reduced = (e.mean("per_vertex") for e in errors(learned, shapes, truths))
     assert naive_reduced < naive_full

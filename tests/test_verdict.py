@@ -31,7 +31,7 @@ def _told(evaluation):
 
 
 def _order(expected, true):
-    """Return what is said of whether expected errors tell good points from bad: the last finding."""
+    """Return the last finding: whether expected errors tell good points from bad."""
     return _told(_evaluation([expected], [true]))[-1]
 
 
@@ -60,7 +60,14 @@ def test_equal_true_errors_show_nothing(true):
 
 @pytest.mark.parametrize(
     ("correlation", "level"),
-    [(-0.8, "bad"), (-0.07, "bad"), (0.0, "bad"), (0.28, "doubtful"), (0.7, "good"), (0.95, "good")],
+    [
+        (-0.8, "bad"),
+        (-0.07, "bad"),
+        (0.0, "bad"),
+        (0.28, "doubtful"),
+        (0.7, "good"),
+        (0.95, "good"),
+    ],
 )
 def test_a_weak_rank_correlation_is_not_good(correlation, level):
     found = _order(*_related(correlation, 4000))
@@ -108,7 +115,7 @@ def test_shapes_without_known_points_are_not_scored():
     assert without == _told(_evaluation([expected], [true]))
     (alone,) = _told(_evaluation([expected], [true], weights=0.0))
     assert alone.level == "doubtful"
-    assert "No shape left out has points of known place" in alone.text
+    assert "No shape left out has known correspondences" in alone.text
 
 
 def test_one_shape_says_little():
@@ -146,7 +153,11 @@ def test_sides_are_told_apart_only_where_one_fits_clearly_better(direct, symmetr
 )
 def test_weights_do_not_help_by_a_hair(before, level, words):
     true = [np.full(N, 0.02)] * 2
-    found = next(one for one in _told(_evaluation(true, true, naive=[before] * 2)) if "Without learned" in one.text)
+    found = next(
+        one
+        for one in _told(_evaluation(true, true, naive=[before] * 2))
+        if "Without learned" in one.text
+    )
     assert found.level == level
     assert words in found.text
 
@@ -178,11 +189,20 @@ def test_vertices_without_a_value_are_not_drawn():
         ReliabilityDisplay.from_predictions(np.full(N, np.nan), expected)
 
 
-@pytest.mark.parametrize(("level", "words"), [(0.05, "the same everywhere"), (np.nan, "expects no errors")])
-def test_a_page_is_written_where_expected_errors_say_nothing(level, words, fitted, probed, collection, tmp_path):
+@pytest.mark.parametrize(
+    ("level", "words"), [(0.05, "the same everywhere"), (np.nan, "expects no errors")]
+)
+def test_a_page_is_written_where_expected_errors_say_nothing(
+    level, words, fitted, probed, collection, tmp_path
+):
     errors = fitted.pair_errors(probed[1:3], collection.truths[1:3])
-    matches = [replace(one, expected_error=np.full(len(one.p2p), level)) for one in fitted.match(probed[1:3])]
+    matches = [
+        replace(one, expected_error=np.full(len(one.p2p), level))
+        for one in fitted.match(probed[1:3])
+    ]
     evaluation = Evaluation([shape.spectral.mesh for shape in probed[1:3]], matches, errors, [])
-    text = write_report(fitted, tmp_path / "r.html", evaluation=evaluation, n_worst=1).read_text(encoding="utf-8")
+    text = write_report(fitted, tmp_path / "r.html", evaluation=evaluation, n_worst=1).read_text(
+        encoding="utf-8"
+    )
     assert words in text
     assert ">nan<" not in text

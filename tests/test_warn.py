@@ -3,6 +3,7 @@
 import warnings
 from pathlib import Path
 
+import joblib
 import numpy as np
 import pytest
 from sklearn.model_selection import GridSearchCV
@@ -11,8 +12,14 @@ from sklearn.pipeline import make_pipeline
 import skfmap
 from skfmap import DescriptorTransformer, Mesh, SpectralBasis
 from skfmap._tools.warn import warn
-from skfmap.exceptions import OrientationWarning, SkippedShapeWarning, UnfamiliarShapeWarning
+from skfmap.exceptions import (
+    OrientationWarning,
+    SkippedShapeWarning,
+    UnfamiliarShapeWarning,
+    VersionWarning,
+)
 from skfmap.model_selection import PinnedReference
+from skfmap.persistence import load_model, save_model
 
 
 def _lines_of(function, category):
@@ -20,7 +27,9 @@ def _lines_of(function, category):
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         function()
-    return [(Path(one.filename), one.lineno) for one in caught if issubclass(one.category, category)]
+    return [
+        (Path(one.filename), one.lineno) for one in caught if issubclass(one.category, category)
+    ]
 
 
 def _line_of(function):
@@ -65,7 +74,11 @@ def test_warnings_of_new_shapes_point_at_the_call(model, search, probe, stretche
 
 def test_warnings_of_a_fit_point_at_the_call(collection, make_model, make_learner, probe):
     """Through the wrapper of scikit-learn's callbacks, a pipeline, a search."""
-    mirrored = Mesh(collection.meshes[2].vertices * [1, 1, -1], collection.meshes[2].faces[:, ::-1], name="mirrored")
+    mirrored = Mesh(
+        collection.meshes[2].vertices * [1, 1, -1],
+        collection.meshes[2].faces[:, ::-1],
+        name="mirrored",
+    )
     meshes = [*collection.meshes[:2], mirrored, *collection.meshes[3:5]]
     shapes, truths = probe(meshes), collection.truths[:5]
     model, learner = make_model(confidence=None), make_learner(confidence=None)
@@ -96,5 +109,19 @@ def test_warnings_of_transformers_point_at_the_call(collection):
 def test_shapes_given_as_arrays_are_told_by_their_index(collection, make_model):
     arrays = [(mesh.vertices, mesh.faces) for mesh in collection.meshes[:5]]
     arrays[3] = (arrays[3][0] * [1, 1, -1], arrays[3][1][:, ::-1])
-    with pytest.warns(OrientationWarning, match=r"correspondences of X\[3\] \('shape 3'\) take left for right"):
+    with pytest.warns(
+        OrientationWarning, match=r"correspondences of X\[3\] \('shape 3'\) take left for right"
+    ):
         make_model(confidence=None).fit(arrays, collection.truths[:5])
+
+
+def test_warnings_of_files_point_at_the_call(tmp_path, monkeypatch, fitted):
+    pytest.importorskip("skops")
+    save_model(fitted, tmp_path / "model.skops")
+    joblib.dump(fitted, tmp_path / "model.joblib")
+    monkeypatch.setattr("skfmap._version.__version__", "99.0")
+    for route in (
+        lambda: load_model(tmp_path / "model.skops"),
+        lambda: joblib.load(tmp_path / "model.joblib"),
+    ):
+        assert set(_lines_of(route, VersionWarning)) == {_line_of(route)}

@@ -1,1 +1,1 @@
-"""Tools that all layers share: checks at the boundary, work on many shapes, caches, callbacks, warnings."""
+"""Tools that all layers share: checks, work on many shapes, caches, callbacks, warnings."""

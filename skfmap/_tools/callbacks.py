@@ -1,18 +1,31 @@
-"""scikit-learn's callback protocol (from 1.9): a fit as a task, with one subtask for each iteration."""
+"""scikit-learn's callback protocol (from 1.9): a fit is a task, each iteration a subtask."""
 
 from collections.abc import Callable
-from typing import Any
+from typing import TYPE_CHECKING, Any, Self, TypeVar
 
-try:
-    from sklearn.callback import CallbackSupportMixin, with_callbacks
-except ImportError:
+from sklearn.base import BaseEstimator
 
-    class CallbackSupportMixin:  # type: ignore[no-redef]
-        """Nothing: the installed scikit-learn has no callbacks."""
+if TYPE_CHECKING:
+    _Method = TypeVar("_Method", bound=Callable[..., Any])
 
-    def with_callbacks(method: Any) -> Any:
-        """Return the method itself."""
+    class CallbackSupportMixin:
+        """As scikit-learn's, which has no types."""
+
+    def with_callbacks(method: _Method) -> _Method:
+        """Keep the type of the method."""
         return method
+
+else:
+    try:
+        from sklearn.callback import CallbackSupportMixin, with_callbacks
+    except ImportError:
+
+        class CallbackSupportMixin:
+            """Nothing: the installed scikit-learn has no callbacks."""
+
+        def with_callbacks(method):
+            """Return the method itself."""
+            return method
 
 
 __all__ = ["CallbackSupportMixin", "FitTask", "with_callbacks"]
@@ -31,7 +44,14 @@ class FitTask:
         Most iterations.
     """
 
-    def __init__(self, estimator: Any, X: Any, y: Any, sample_weight: Any, max_iter: int) -> None:
+    def __init__(
+        self,
+        estimator: BaseEstimator | None,
+        X: object,
+        y: object,
+        sample_weight: object,
+        max_iter: int,
+    ) -> None:
         self._given = {
             "estimator": estimator,
             "X": X,
@@ -40,10 +60,15 @@ class FitTask:
         }
         self._task: Any = None
         self._iteration: Any = None
-        if hasattr(estimator, "_init_callback_context"):
+        if estimator is not None and hasattr(estimator, "_init_callback_context"):
             # The last iteration is followed by the beginning of one that does not take place.
             self._task = estimator._init_callback_context(max_subtasks=max_iter + 1)
             self._task.call_on_fit_task_begin(**self._given)
+
+    @classmethod
+    def untold(cls) -> Self:
+        """Return the task of a fit that no callback is told of."""
+        return cls(None, None, None, None, 0)
 
     def begin_iteration(self) -> None:
         """Tell that an iteration begins."""
@@ -52,9 +77,10 @@ class FitTask:
             self._iteration.call_on_fit_task_begin(**self._given)
 
     def end_iteration(self, fitted: Callable[[], dict[str, Any]] | None = None) -> bool:
-        """Tell that it has ended, and return whether a callback asks to stop.
+        """Tell that the iteration has ended, and return whether a callback asks to stop.
 
-        ``fitted`` gives the attributes of an estimator as if `fit` ended here; it is called if somebody wants them.
+        ``fitted`` gives the attributes of an estimator as if `fit` ended here; it is called if a
+        callback wants them.
         """
         iteration, self._iteration = self._iteration, None
         if iteration is None:

@@ -3,17 +3,22 @@
 from operator import attrgetter
 from typing import Any
 
-__all__ = ["FittedAttribute"]
+__all__ = ["fitted_attribute"]
 
 
-class FittedAttribute:
-    """An attribute that is read from a part of the fitted state, and does not exist before `fit`.
+def fitted_attribute(path: str) -> Any:
+    """Return an attribute that is read from a part of the fitted state; annotate it when set.
 
     Parameters
     ----------
     path : str
         Where it is read from, for instance ``"matcher_.weights"``.
     """
+    return _FittedAttribute(path)
+
+
+class _FittedAttribute:
+    """An attribute read from a part of the fitted state, which does not exist before `fit`."""
 
     def __init__(self, path: str) -> None:
         self.path = path
@@ -21,14 +26,19 @@ class FittedAttribute:
     def __set_name__(self, owner: type, name: str) -> None:
         self.name = name
 
-    def __get__(self, estimator: Any, owner: type | None = None) -> Any:
-        """Return the value; AttributeError before `fit`, or where the part is switched off."""
+    def __get__(self, estimator: object, owner: type | None = None) -> Any:
+        """Return the value; AttributeError before `fit`, or where a part does not have it."""
         if estimator is None:
             return self
         try:
             return attrgetter(self.path)(estimator)
         except AttributeError:
+            holder = self.path.partition(".")[0]
+            why = f"its {holder} has none" if holder in vars(estimator) else "it is not fitted"
             raise AttributeError(
-                f"{type(estimator).__name__} has no attribute {self.name!r}: it is not fitted, or {self.path!r} is "
-                "switched off."
+                f"{type(estimator).__name__} has no attribute {self.name!r}: {why}."
             ) from None
+
+    def __set__(self, estimator: Any, value: object) -> None:
+        """Refuse: a value set here would not be what is matched with."""
+        raise AttributeError(f"{self.name} is read from {self.path}, and cannot be set.")

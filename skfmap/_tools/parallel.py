@@ -1,4 +1,4 @@
-"""Work on many shapes: joblib over the shapes, one thread within each, the same result for every n_jobs."""
+"""Work on many shapes: joblib over them, one thread within each, one result for every n_jobs."""
 
 import numbers
 import os
@@ -6,18 +6,21 @@ import sys
 import threading
 from collections.abc import Callable, Iterable
 from types import TracebackType
-from typing import Any
+from typing import Any, TypeVar
 
 from joblib import Parallel, delayed
 from threadpoolctl import threadpool_limits
 
 __all__ = ["map_shapes", "single_threaded", "tell"]
 
+_Result = TypeVar("_Result")
+
 
 class _OneThread:
     """One BLAS and one OpenMP thread while anybody in this process is inside.
 
-    The limit belongs to the process, not to a thread: the first to enter sets it, the last to leave lifts it.
+    The limit belongs to the process, not to a thread: the first to enter sets it, the last to leave
+    lifts it.
     """
 
     def __init__(self) -> None:
@@ -32,7 +35,10 @@ class _OneThread:
             self._n_inside += 1
 
     def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        traceback: TracebackType | None,
     ) -> None:
         with self._lock:
             self._n_inside -= 1
@@ -44,20 +50,25 @@ _ONE_THREAD = _OneThread()
 
 
 def map_shapes(
-    function: Callable[..., Any],
-    arguments: Iterable[tuple[Any, ...]],
+    function: Callable[..., _Result],
+    arguments: Iterable[tuple[object, ...]],
     *,
     n_jobs: int | None,
     verbose: int,
     prefer: str | None = None,
-) -> list[Any]:
+) -> list[_Result]:
     """Return ``function(*a)`` for each tuple of ``arguments``, in their order.
 
-    No backend is fixed, so that ``joblib.parallel_config`` can spread the work over a cluster. ``prefer="threads"`` is
-    a hint for work that is matrix products for the most part: nothing is copied to other processes then.
+    No backend is fixed, so that ``joblib.parallel_config`` can spread the work over a cluster.
+    ``prefer="threads"`` is a hint for work that is matrix products for the most part: nothing is
+    copied to other processes then.
     """
-    if n_jobs is not None and (not isinstance(n_jobs, numbers.Integral) or isinstance(n_jobs, bool) or n_jobs == 0):
-        raise ValueError(f"n_jobs must be None or an integer other than 0 (-1: all cores); got {n_jobs!r}.")
+    if n_jobs is not None and (
+        not isinstance(n_jobs, numbers.Integral) or isinstance(n_jobs, bool) or n_jobs == 0
+    ):
+        raise ValueError(
+            f"n_jobs must be None or an integer other than 0 (-1: all cores); got {n_jobs!r}."
+        )
     if not isinstance(verbose, numbers.Integral):
         raise ValueError(f"verbose must be an integer; got {verbose!r}.")
     calls = (delayed(_call)(os.getpid(), function, *a) for a in arguments)
@@ -65,8 +76,8 @@ def map_shapes(
         return list(Parallel(n_jobs=n_jobs, verbose=verbose, prefer=prefer)(calls))
 
 
-def single_threaded(function: Callable[..., Any], *arguments: Any) -> Any:
-    """Call with one BLAS and one OpenMP thread: sums come out the same to the last bit wherever the call runs."""
+def single_threaded(function: Callable[..., _Result], *arguments: object) -> _Result:
+    """Call with one BLAS and one OpenMP thread, so that sums are the same to the last bit."""
     with _ONE_THREAD:
         return function(*arguments)
 
@@ -77,6 +88,6 @@ def tell(message: str) -> None:
     sys.stderr.flush()
 
 
-def _call(parent: int, function: Callable[..., Any], *arguments: Any) -> Any:
-    """Call within the parent's limit, or under an own one in another process."""
+def _call(parent: int, function: Callable[..., _Result], *arguments: object) -> _Result:
+    """Call within the parent's limit, or in another process within a limit of its own."""
     return function(*arguments) if os.getpid() == parent else single_threaded(function, *arguments)

@@ -1,7 +1,5 @@
 """Transformers that learn nothing and take shapes rather than tables."""
 
-from typing import Any
-
 from sklearn.base import TransformerMixin
 from sklearn.utils import Tags
 
@@ -9,9 +7,9 @@ __all__ = ["StatelessShapeTransformer"]
 
 
 class StatelessShapeTransformer(TransformerMixin):
-    """Mixin: `transform` works without `fit`, samples are no rows of a table, and lists are not wrapped."""
+    """Mixin of transformers whose `transform` works without `fit`, on lists that stay lists."""
 
-    def __init_subclass__(cls, **options: Any) -> None:
+    def __init_subclass__(cls, **options: object) -> None:
         """Keep `set_output` from wrapping lists of shapes in frames."""
         super().__init_subclass__(**{**options, "auto_wrap_output_keys": None})
 

@@ -3,15 +3,16 @@
 from collections.abc import Sequence
 from typing import Any
 
+from sklearn.base import BaseEstimator
 from sklearn.model_selection._search import BaseSearchCV
 from sklearn.pipeline import Pipeline
 from sklearn.utils.validation import check_is_fitted
 
-__all__ = ["fitted_learner", "learner_and_shapes"]
+__all__ = ["fitted_learner", "last_step", "learner_and_shapes"]
 
 
-def learner_and_shapes(model: Any, X: Sequence[Any]) -> tuple[Any, Sequence[Any]]:
-    """Return the fitted learner at the end of ``model``, and ``X`` as the steps before it transform it.
+def learner_and_shapes(model: BaseEstimator, X: Sequence[Any]) -> tuple[Any, Sequence[Any]]:
+    """Return the fitted learner at the end of ``model``, and ``X`` as it reaches that learner.
 
     ``model`` is a learner, a Pipeline that ends in one, or a fitted search over either.
     """
@@ -21,9 +22,15 @@ def learner_and_shapes(model: Any, X: Sequence[Any]) -> tuple[Any, Sequence[Any]
     return learner, X
 
 
-def fitted_learner(model: Any) -> Any:
-    """Return the fitted learner at the end of ``model``."""
+def last_step(model: Any) -> Any:
+    """Return the fitted learner at the end of ``model``, bridged or not."""
     return _unwrap(model)[0]
+
+
+def fitted_learner(model: Any) -> Any:
+    """Return the fitted learner at the end of ``model``; that of a bridged one is inside it."""
+    learner = last_step(model)
+    return getattr(learner, "estimator_", learner)
 
 
 def _unwrap(model: Any) -> tuple[Any, list[Any]]:
@@ -37,8 +44,8 @@ def _unwrap(model: Any) -> tuple[Any, list[Any]]:
             learner = learner.best_estimator_
         else:
             raise TypeError(
-                "Expected a WeightedFunctionalMapLearner, a Pipeline that ends in one, or a fitted search over either; "
-                f"got {type(model).__name__}."
+                "Expected a WeightedFunctionalMapLearner, a Pipeline that ends in one, or a "
+                f"fitted search over either; got {type(model).__name__}."
             )
     check_is_fitted(learner)
     return learner, steps

@@ -19,19 +19,20 @@ __all__ = [
     "as_reals",
     "check_choice",
     "check_faces",
+    "check_folder",
     "check_index_range",
     "check_number",
     "check_pairs",
-    "check_place",
     "check_sample_weight",
     "check_samples",
     "check_vertices",
-    "has_place",
+    "is_finite",
     "label",
     "read_only",
 ]
 
-# Areas beyond these lose digits, or overflow, where they are squared; so do those of larger coordinates.
+# Floats end near 1e-308 and 1e308: areas beyond these lose digits or overflow where they are
+# squared, and coordinates beyond the last make such areas.
 SMALLEST_AREA, LARGEST_AREA = 1e-150, 1e150
 LARGEST_COORDINATE = 1e75
 
@@ -49,9 +50,11 @@ def read_only(array: npt.NDArray[Any]) -> npt.NDArray[Any]:
 
 
 def as_array(values: object, who: str, error: type[Exception] = ValueError) -> npt.NDArray[Any]:
-    """Return ``values`` as an array; rows of unequal length and masks, which would be lost, are errors."""
+    """Return ``values`` as an array; raise for rows of unequal length and for masked arrays."""
     if np.ma.isMaskedArray(values):
-        raise error(f"{who} must not be masked; leave out what is unknown, or fill it: {who}.filled(...).")
+        raise error(
+            f"{who} must not be masked; leave out what is unknown, or fill it: {who}.filled(...)."
+        )
     try:
         return np.asarray(values)
     except (TypeError, ValueError) as failure:
@@ -59,13 +62,17 @@ def as_array(values: object, who: str, error: type[Exception] = ValueError) -> n
 
 
 def as_reals(values: object, who: str, error: type[Exception] = ValueError) -> FloatArray:
-    """Return ``values`` as a private array of floats; complex numbers, texts, dates and masks are errors."""
+    """Return a copy of ``values`` as floats; raise unless they are real numbers."""
     given = as_array(values, who, error)
     try:
         if given.dtype.kind not in "iufO":
             raise TypeError(f"got dtype {given.dtype}")
         if given.dtype.kind == "O":
-            strange = [value for value in given.flat if isinstance(value, bool) or not isinstance(value, numbers.Real)]
+            strange = [
+                value
+                for value in given.flat
+                if isinstance(value, bool) or not isinstance(value, numbers.Real)
+            ]
             if strange:
                 raise TypeError(f"got {strange[0]!r}")
         return np.array(given, dtype=np.float64, order="C")
@@ -74,43 +81,44 @@ def as_reals(values: object, who: str, error: type[Exception] = ValueError) -> F
 
 
 def check_vertices(vertices: object, who: str) -> FloatArray:
-    """Return ``vertices`` as a private (n, 3) float array; NaN, infinity and emptiness are errors."""
+    """Return a copy of ``vertices``, finite floats of shape (n, 3); raise if there are none."""
     out = as_reals(vertices, f"The vertices of {who}", MeshError)
     if out.ndim != 2 or out.shape[1] != 3:
         raise MeshError(f"The vertices of {who} must have shape (n_vertices, 3); got {out.shape}.")
     if len(out) == 0:
         raise MeshError(f"{who} has no vertices; leave it out of the collection.")
-    bad = np.flatnonzero(~has_place(out))
+    bad = np.flatnonzero(~is_finite(out))
     if len(bad):
         raise MeshError(
-            f"{who} has {len(bad)} vertices with NaN or infinite coordinates (beyond {LARGEST_COORDINATE:.0e} areas "
-            f"overflow), the first is vertex {bad[0]}; mend or remove them (and renumber faces and correspondences) "
-            "before loading."
+            f"{who} has {len(bad)} vertices with NaN or infinite coordinates (beyond "
+            f"{LARGEST_COORDINATE:.0e} areas overflow), the first is vertex {bad[0]}; mend or "
+            "remove them (and renumber faces and correspondences) before loading."
         )
     return out
 
 
-def has_place(vertices: FloatArray) -> BoolArray:
-    """Return which vertices have coordinates that can be computed with: not NaN, and not beyond what areas can hold."""
+def is_finite(vertices: FloatArray) -> BoolArray:
+    """Return which vertices have finite coordinates, none of them so large that areas overflow."""
     return np.asarray((np.abs(vertices) <= LARGEST_COORDINATE).all(axis=1))
 
 
 def check_faces(faces: object, n_vertices: int, who: str) -> IntArray:
-    """Return ``faces`` as a private (n, 3) integer array whose entries are all vertex numbers."""
+    """Return a copy of ``faces``, integers of shape (n, 3); raise unless all vertices exist."""
     try:
         given = as_array(faces, f"The faces of {who}", MeshError)
     except MeshError as error:
         raise MeshError(f"{error} All must be triangles: triangulate it first.") from None
     if given.ndim != 2 or given.shape[1] != 3:
         raise MeshError(
-            f"The faces of {who} must be triangles, shape (n_faces, 3); got {given.shape}. Triangulate it first."
+            f"The faces of {who} must be triangles, shape (n_faces, 3); got {given.shape}. "
+            "Triangulate it first."
         )
     if len(given) == 0:
         raise MeshError(f"{who} has no faces; skfmap needs triangle meshes, not point clouds.")
     if not np.issubdtype(given.dtype, np.integer):
         raise MeshError(
-            f"The faces of {who} must be integers; got dtype {given.dtype}. If they are whole numbers, convert them "
-            "with .astype(int)."
+            f"The faces of {who} must be integers; got dtype {given.dtype}. If they are whole "
+            "numbers, convert them with .astype(int)."
         )
     out = np.array(given, dtype=np.int64, order="C")
     check_index_range(out, n_vertices, f"The faces of {who}", MeshError)
@@ -127,19 +135,20 @@ def check_index_range(
     if low < 0 or high >= n_vertices:
         wrong = low if low < 0 else high
         raise error(
-            f"{who} refer to vertex {wrong}, but there are {n_vertices} vertices (0 to {n_vertices - 1}). "
-            "Indices are 0-based in memory; only .vts files count from 1."
+            f"{who} refer to vertex {wrong}, but there are {n_vertices} vertices (0 to "
+            f"{n_vertices - 1}). Indices are 0-based in memory; only .vts files count from 1."
         )
 
 
 def check_pairs(pairs: object, who: str) -> IntArray:
-    """Return ``pairs`` as a private (n_pairs, 2) array of ``[vertex, template point]`` rows."""
+    """Return a copy of ``pairs``, rows ``[vertex, template point]``."""
     given = as_array(pairs, who, CorrespondenceError)
     if given.ndim == 1 and given.size:
         raise TypeError(
             f"{who} is one-dimensional, which can be read in two ways. Say which with "
             "Correspondence.from_vertices(points), the template point of each vertex, or "
-            "Correspondence.from_template(vertices), the vertex of each template point (what .vts files hold)."
+            "Correspondence.from_template(vertices), the vertex of each template point (what .vts "
+            "files hold)."
         )
     if given.size == 0:
         return np.empty((0, 2), dtype=np.int64)
@@ -148,15 +157,26 @@ def check_pairs(pairs: object, who: str) -> IntArray:
             f"{who} must have shape (n_pairs, 2), rows [vertex, template point]; got {given.shape}."
         )
     if not np.issubdtype(given.dtype, np.integer):
-        raise TypeError(f"{who} must hold integers; got dtype {given.dtype}. Convert it with .astype(int) if it does.")
+        raise TypeError(
+            f"{who} must hold integers; got dtype {given.dtype}. Convert it with .astype(int) if "
+            "it does."
+        )
     out = np.array(given, dtype=np.int64, order="C")
     if out.size and out.min() < 0:
-        raise CorrespondenceError(f"{who} holds the negative index {out.min()}; leave out pairs that are unknown.")
+        raise CorrespondenceError(
+            f"{who} holds the negative index {out.min()}; leave out pairs that are unknown."
+        )
     return out
 
 
 def check_number(
-    value: object, name: str, *, low: float, high: float = np.inf, integer: bool = False, strict: bool = False
+    value: object,
+    name: str,
+    *,
+    low: float,
+    high: float = np.inf,
+    integer: bool = False,
+    strict: bool = False,
 ) -> Any:
     """Return ``value`` if it is a number in ``[low, high]`` (``(low, high]`` when strict)."""
     kind = numbers.Integral if integer else numbers.Real
@@ -165,7 +185,9 @@ def check_number(
         raise TypeError(f"{name} must be {what}; got {value!r}.")
     number = float(value)
     if not np.isfinite(number) or not (low <= number <= high) or (strict and number == low):
-        bound = f"{'above' if strict else 'at least'} {low:g}" + ("" if high == np.inf else f" and at most {high:g}")
+        bound = f"{'above' if strict else 'at least'} {low:g}" + (
+            "" if high == np.inf else f" and at most {high:g}"
+        )
         raise ValueError(f"{name} must be {what} {bound}; got {value!r}.")
     return value
 
@@ -179,23 +201,32 @@ def check_choice(value: object, name: str, choices: Collection[object]) -> Any:
 
 
 def check_samples(X: object, what: str, name: str = "X") -> Sequence[Any]:
-    """Return the samples of ``X`` as a list; one bare sample, a table and emptiness are errors."""
+    """Return the samples of ``X`` as a list; raise for one bare sample, a table or none at all."""
     if hasattr(X, "toarray"):
         raise TypeError(
-            f"{name} must be a sequence of {what}; got a sparse matrix. skfmap works on shapes, not on tables."
+            f"{name} must be a sequence of {what}; got a sparse matrix. skfmap works on shapes, "
+            "not on tables."
         )
     if isinstance(X, np.ndarray) and X.dtype.kind in "biufc":
         raise TypeError(
             f"{name} must be a sequence of {what}; got a numeric array of shape {X.shape}. "
             "skfmap works on shapes, not on tables; see the quickstart."
         )
-    if isinstance(X, (str, bytes, dict)) or not hasattr(X, "__iter__") or getattr(X, "ndim", 1) == 0:
+    if (
+        isinstance(X, (str, bytes, dict))
+        or not hasattr(X, "__iter__")
+        or getattr(X, "ndim", 1) == 0
+    ):
         raise TypeError(
-            f"{name} must be a sequence of {what}; got one {type(X).__name__}. Wrap it in a list: [{name}]."
+            f"{name} must be a sequence of {what}; got one {type(X).__name__}. Wrap it in a list: "
+            f"[{name}]."
         )
     if isinstance(X, (Set, Iterator)):
-        # A set has no order; what can be gone through once only is empty for the next who asks.
-        raise TypeError(f"{name} must be a sequence of {what}; got a {type(X).__name__}. Make it a list: list({name}).")
+        # A set has no order, and an iterator is empty the second time.
+        raise TypeError(
+            f"{name} must be a sequence of {what}; got a {type(X).__name__}. Make it a list: "
+            f"list({name})."
+        )
     samples = list(X)
     if not samples:
         raise ValueError(f"{name} is empty; give at least one of: {what}.")
@@ -207,14 +238,22 @@ def check_sample_weight(sample_weight: object, n_shapes: int) -> FloatArray:
     if sample_weight is None:
         return np.ones(n_shapes)
     share = as_reals(sample_weight, "sample_weight")
-    if share.shape != (n_shapes,) or not np.isfinite(share).all() or (share < 0).any() or not share.any():
-        raise ValueError(f"sample_weight must be {n_shapes} finite, non-negative numbers, not all zero; got {share}.")
+    if (
+        share.shape != (n_shapes,)
+        or not np.isfinite(share).all()
+        or (share < 0).any()
+        or not share.any()
+    ):
+        raise ValueError(
+            f"sample_weight must be {n_shapes} finite, non-negative numbers, not all zero; got "
+            f"{share}."
+        )
     return share
 
 
-def check_place(path: str | Path) -> Path:
-    """Return a path that is to be written; its folder must be there."""
-    place = Path(path)
-    if not place.parent.is_dir():
-        raise FileNotFoundError(f"There is no folder {place.parent} to write {place.name} to.")
-    return place
+def check_folder(path: str | Path) -> Path:
+    """Return the path of a file to be written; raise unless its folder exists."""
+    file = Path(path)
+    if not file.parent.is_dir():
+        raise FileNotFoundError(f"There is no folder {file.parent} to write {file.name} to.")
+    return file

@@ -39,6 +39,7 @@ class Part(NamedTuple):
     paired: bool = False
 
 
+# Invented, like all joints below; lengths are in centimetres.
 PARTS = (
     Part("pelvis", None, "rump", "loin", 2.0, None),
     Part("belly", "pelvis", "loin", "ribs", 3.0, "spine"),

@@ -7,6 +7,8 @@ from skfmap.datasets._creature_body import PARTS, Body
 
 __all__ = ["capsule_distance", "gradient", "mirror", "part_distances", "project", "signed_distance"]
 
+# Step of differences, in centimetres. The curvature of the thinnest parts, of a radius of 2, turns
+# it into an error of 2e-5 of the slope, which Newton steps correct.
 _STEP = 1e-4
 
 
@@ -49,9 +51,12 @@ def part_distances(body: Body, points: FloatArray) -> FloatArray:
     Returns
     -------
     ndarray of shape (n_parts, n)
-        One row per part of ``PARTS``, unpaired or on the side x > 0. For the other side give mirrored points.
+        One row per part of ``PARTS``, unpaired or on the side x > 0. For the other side give
+        mirrored points.
     """
-    return np.array([capsule_distance(points, *ends) for ends in zip(body.starts, body.ends, strict=True)])
+    return np.array(
+        [capsule_distance(points, *ends) for ends in zip(body.starts, body.ends, strict=True)]
+    )
 
 
 def signed_distance(body: Body, points: FloatArray) -> FloatArray:

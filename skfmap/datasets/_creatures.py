@@ -20,21 +20,23 @@ from skfmap.shapes import Correspondence, Mesh
 __all__ = ["make_creatures"]
 
 _TEMPLATE_BODY = "cat"
+# Vertices that template points are chosen from: twice the most points that can be asked for.
 _TEMPLATE_VERTICES = 6000
+# Centimetres that template points keep from the mirror plane, so that none is its own mirror image.
 _TEMPLATE_MARGIN = 0.5
 
 _DESCR = """\
 A four-legged creature in many poses, computed from capsules; nothing is downloaded.
 
-Each mesh is closed, manifold, of genus 0 and wound outwards, with connectivity of its own, in centimetres. The creature
-is symmetric from left to right at rest. The first mesh is at rest; the others are bent at random, nearly
-isometrically, and their parts differ a little in size.
+Each mesh is closed, manifold, of genus 0 and wound outwards, with connectivity of its own, in
+centimetres. The creature is symmetric from left to right at rest. The first mesh is at rest; the
+others are bent at random, nearly isometrically, and their parts differ a little in size.
 Bodies: {bodies}. Different bodies share the template but are far from isometric to each other.
 
 meshes : the shapes
 correspondences : vertex of each shape at each template point, direct and symmetric
 names : body and number of each shape
-template_points : the template's {n_points} points on the {template} at rest; the second half mirrors the first
+template_points : the {n_points} points on the {template} at rest; the second half mirrors the first
 """
 
 
@@ -55,25 +57,29 @@ def make_creatures(
     n_shapes : int
         Number of shapes. The first is the creature at rest; the others are posed at random.
     n_vertices : int
-        Number of vertices of every mesh, met exactly, from 500 to 20,000. Below 1,000, tips of ears and tail are lost.
+        Number of vertices of every mesh, met exactly, from 500 to 20,000. Below 1,000, tips of ears
+        and tail are lost.
     body : {"cat", "horse"} or sequence of them
         Body plan, of all shapes or of each: the horse has longer legs and neck and a shorter tail.
     n_points : int
-        Number of template points, even. The template depends on it alone, so that all bodies share it.
+        Number of template points, even. The template depends on it alone, so that all bodies share
+        it.
     pose_strength : float
         From 0, all shapes at rest, to 1, angles of up to about 50 degrees at the joints.
     variation : float
-        By how much, at most, each part of the body is larger or smaller than on the first shape, from 0 to 0.2. The
-        same on both sides. 0 leaves the bending alone, which is nearer to isometric than that of scanned animals.
+        By how much, at most, each part of the body is larger or smaller than on the first shape,
+        from 0 to 0.2. The same on both sides. 0 leaves the bending alone, which is nearer to
+        isometric than that of scanned animals.
     random_state : int
         Seed. Shape ``i`` depends on it and on ``i`` but not on the other shapes.
 
     Returns
     -------
     sklearn.utils.Bunch
-        With ``meshes``, a list of `Mesh`; ``correspondences``, a list of `Correspondence` with symmetric answers;
-        ``names``, a list of str; ``template_points``, an array of shape (n_points, 3) on the cat at rest, whose second
-        half mirrors the first; ``up``, the axis that points up; and ``DESCR``.
+        With ``meshes``, a list of `Mesh`; ``correspondences``, a list of `Correspondence` with
+        symmetric answers; ``names``, a list of str; ``template_points``, an array of shape
+        (n_points, 3) on the cat at rest, whose second half mirrors the first; ``up``, the axis that
+        points up; and ``DESCR``.
 
     Raises
     ------
@@ -82,10 +88,11 @@ def make_creatures(
 
     Notes
     -----
-    The creature at rest is a smooth union of tapered capsules, given as an implicit function that is symmetric in x.
-    Its zero level is triangulated by marching cubes on a randomly rotated and shifted grid, thinned out to
-    ``n_vertices`` and evened out, all on the surface; then it is bent at its joints by blended rotations, and turned
-    about the vertical. A template point corresponds to the nearest vertex at rest, before bending.
+    The creature at rest is a smooth union of tapered capsules, given as an implicit function that
+    is symmetric in x. Its zero level is triangulated by marching cubes on a randomly rotated and
+    shifted grid, thinned out to ``n_vertices`` and evened out, all on the surface; then it is bent
+    at its joints by blended rotations, and turned about the vertical. A template point corresponds
+    to the nearest vertex at rest, before bending.
 
     Examples
     --------
@@ -103,7 +110,9 @@ def make_creatures(
     check_number(variation, "variation", low=0.0, high=0.2)
     check_number(random_state, "random_state", low=0, integer=True)
     if n_points % 2:
-        raise ValueError(f"n_points must be even, since template points come in mirrored pairs; got {n_points}.")
+        raise ValueError(
+            f"n_points must be even, since template points come in mirrored pairs; got {n_points}."
+        )
     bodies = _check_bodies(body, n_shapes)
     looks = _Looks(n_vertices, n_points, pose_strength, variation, random_state)
     shapes = [_make_shape(index, name, looks) for index, name in enumerate(bodies)]
@@ -113,12 +122,14 @@ def make_creatures(
         names=[mesh.name for mesh, _ in shapes],
         template_points=_template(n_points, _TEMPLATE_BODY),
         up="z",
-        DESCR=_DESCR.format(bodies=", ".join(sorted(set(bodies))), n_points=n_points, template=_TEMPLATE_BODY),
+        DESCR=_DESCR.format(
+            bodies=", ".join(sorted(set(bodies))), n_points=n_points, template=_TEMPLATE_BODY
+        ),
     )
 
 
 class _Looks(NamedTuple):
-    """What all shapes of a collection have in common: the arguments of `make_creatures` of the same names."""
+    """What all shapes of a collection share: arguments of `make_creatures` of the same names."""
 
     n_vertices: int
     n_points: int
@@ -130,7 +141,10 @@ class _Looks(NamedTuple):
 def _check_bodies(body: str | Sequence[str], n_shapes: int) -> list[str]:
     bodies = [body] * n_shapes if isinstance(body, str) else list(body)
     if len(bodies) != n_shapes:
-        raise ValueError(f"body must name one body plan, or one per shape ({n_shapes}); got {len(bodies)} of them.")
+        raise ValueError(
+            f"body must name one body plan, or one per shape ({n_shapes}); got {len(bodies)} of "
+            "them."
+        )
     return [check_choice(name, "body", list(BODIES)) for name in bodies]
 
 
@@ -143,7 +157,9 @@ def _make_shape(index: int, name: str, looks: _Looks) -> tuple[Mesh, Corresponde
     heading = Rotation.from_euler("z", rng.uniform(0.0, 360.0), degrees=True)
     at_rest, faces = mesh_body(body, looks.n_vertices, rng)
     vertices = heading.apply(bend(body, at_rest, pose, sizes)) if index else at_rest
-    return Mesh(vertices, faces, name=f"{name}{index}"), _correspond(at_rest, _template(looks.n_points, name))
+    return Mesh(vertices, faces, name=f"{name}{index}"), _correspond(
+        at_rest, _template(looks.n_points, name)
+    )
 
 
 def _correspond(at_rest: FloatArray, template: FloatArray) -> Correspondence:
@@ -154,7 +170,7 @@ def _correspond(at_rest: FloatArray, template: FloatArray) -> Correspondence:
 
 @lru_cache
 def _template(n_points: int, body: str) -> FloatArray:
-    """Return the template's points on a body at rest: half of them with x > 0, then their mirror images."""
+    """Return the template on a body at rest: points with x > 0, then their mirror images."""
     half = _spread_points(n_points // 2)
     if body != _TEMPLATE_BODY:
         half = carry(BODIES[_TEMPLATE_BODY], BODIES[body], half)
@@ -163,7 +179,10 @@ def _template(n_points: int, body: str) -> FloatArray:
 
 @lru_cache
 def _spread_points(n_points: int) -> FloatArray:
-    """Return points with x > 0 on the template body, each as far as can be from those before and all mirror images."""
+    """Return well-spread points with x > 0 on the template body.
+
+    Each is as far as can be from those before it and from their mirror images.
+    """
     vertices, _ = mesh_body(BODIES[_TEMPLATE_BODY], _TEMPLATE_VERTICES, np.random.default_rng(0))
     candidates = vertices[vertices[:, 0] > _TEMPLATE_MARGIN]
     distances = np.full(len(candidates), np.inf)

@@ -6,9 +6,13 @@ from skfmap._tools.types import BoolArray, FloatArray, IntArray
 
 __all__ = ["flip_edges"]
 
+# Radians beyond 180 degrees below which the two angles are equal to rounding: such edges would be
+# flipped back and forth.
+_ROUNDING = 1e-6
+
 
 def flip_edges(vertices: FloatArray, faces: IntArray, n_rounds: int = 4) -> IntArray:
-    """Flip edges that face more than 180 degrees, as long as the surface stays manifold and does not fold.
+    """Flip edges that face more than 180 degrees, unless the surface would fold or branch.
 
     Parameters
     ----------
@@ -17,7 +21,8 @@ def flip_edges(vertices: FloatArray, faces: IntArray, n_rounds: int = 4) -> IntA
     faces : ndarray of int, shape (n_faces, 3)
         Triangles of a closed, manifold, consistently wound surface.
     n_rounds : int
-        How often to look for edges to flip; in one round every triangle takes part in one flip at most.
+        How often to look for edges to flip; in one round every triangle takes part in one flip at
+        most.
 
     Returns
     -------
@@ -36,7 +41,11 @@ def flip_edges(vertices: FloatArray, faces: IntArray, n_rounds: int = 4) -> IntA
     faces = faces.copy()
     for _ in range(n_rounds):
         corners, sides = _edges(faces)
-        wrong = _is_obtuse(vertices, corners) & ~_is_joined(corners, len(vertices)) & ~_would_fold(vertices, corners)
+        wrong = (
+            _is_obtuse(vertices, corners)
+            & ~_is_joined(corners, len(vertices))
+            & ~_would_fold(vertices, corners)
+        )
         chosen = _independent(corners[wrong], sides[wrong])
         if not len(chosen):
             break
@@ -47,7 +56,7 @@ def flip_edges(vertices: FloatArray, faces: IntArray, n_rounds: int = 4) -> IntA
 
 
 def _edges(faces: IntArray) -> tuple[IntArray, IntArray]:
-    """Return, per edge a < b, its corners (a, b, left apex, right apex) and the triangles on its two sides."""
+    """Return (a, b, left apex, right apex) of each edge a < b, and the triangles on its sides."""
     starts, ends = faces.ravel(), np.roll(faces, -1, axis=1).ravel()
     apexes = np.roll(faces, -2, axis=1).ravel()
     owners = np.repeat(np.arange(len(faces)), 3)
@@ -59,9 +68,9 @@ def _edges(faces: IntArray) -> tuple[IntArray, IntArray]:
 
 
 def _is_obtuse(vertices: FloatArray, corners: IntArray) -> BoolArray:
-    """Whether the two angles that face an edge add up to more than 180 degrees."""
+    """Return whether the two angles that face an edge add up to more than 180 degrees."""
     a, b, left, right = (vertices[column] for column in corners.T)
-    return np.asarray(_angle(a - left, b - left) + _angle(a - right, b - right) > np.pi + 1e-6)
+    return np.asarray(_angle(a - left, b - left) + _angle(a - right, b - right) > np.pi + _ROUNDING)
 
 
 def _angle(u: FloatArray, v: FloatArray) -> FloatArray:
@@ -69,30 +78,34 @@ def _angle(u: FloatArray, v: FloatArray) -> FloatArray:
 
 
 def _is_joined(corners: IntArray, n_vertices: int) -> BoolArray:
-    """Whether the vertices that face an edge have an edge of their own already."""
+    """Return whether the vertices that face an edge have an edge of their own already."""
     present = corners[:, 0] * n_vertices + corners[:, 1]
     ends = np.sort(corners[:, 2:], axis=1)
     return np.isin(ends[:, 0] * n_vertices + ends[:, 1], present)
 
 
 def _would_fold(vertices: FloatArray, corners: IntArray) -> BoolArray:
-    """Whether one of the triangles after the flip looks away from those before it."""
+    """Return whether a triangle after the flip looks away from those before it."""
     a, b, left, right = (vertices[column] for column in corners.T)
     before = np.cross(b - a, left - a) + np.cross(right - a, b - a)
     first, second = np.cross(left - right, a - right), np.cross(right - left, b - left)
-    return np.asarray(np.minimum((before * first).sum(axis=1), (before * second).sum(axis=1)) <= 0.0)
+    return np.asarray(
+        np.minimum((before * first).sum(axis=1), (before * second).sum(axis=1)) <= 0.0
+    )
 
 
 def _independent(corners: IntArray, sides: IntArray) -> IntArray:
-    """Return positions of flips, first come first served, that share no triangle and make no edge twice."""
+    """Return the indices of flips that share no triangle and make no edge twice, greedily."""
     taken: set[int] = set()
     made: set[tuple[int, int]] = set()
     chosen = []
-    for position, ((_, _, left, right), (face, other)) in enumerate(zip(corners.tolist(), sides.tolist(), strict=True)):
+    for index, ((_, _, left, right), (face, other)) in enumerate(
+        zip(corners.tolist(), sides.tolist(), strict=True)
+    ):
         edge = (min(left, right), max(left, right))
         if face in taken or other in taken or edge in made:
             continue
         taken.update((face, other))
         made.add(edge)
-        chosen.append(position)
+        chosen.append(index)
     return np.array(chosen, dtype=np.int64)

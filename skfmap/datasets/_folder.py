@@ -3,7 +3,7 @@
 import io
 import re
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from sklearn.utils import Bunch
@@ -19,19 +19,27 @@ __all__ = ["load_collection"]
 
 
 def load_collection(
-    folder: str | Path, pattern: str = "*", reference: str | None = None, *, on_invalid: str = "raise"
+    folder: str | Path,
+    pattern: str = "*",
+    reference: str | None = None,
+    *,
+    on_invalid: str = "raise",
 ) -> Bunch:
     """Load the meshes of a folder with their correspondences, the reference first.
 
     For each mesh ``NAME.off`` (or .obj, .ply, .stl) the first of these that exists is read:
 
-    - ``NAME.vts``, and ``NAME.sym.vts`` if there is one: the vertex of each template point, one per line, counted
-      from 1, and the vertex of its symmetric counterpart (the format of the TOSCA remeshes);
-    - ``NAME.vertices.txt`` or ``.npy``: the template point of each vertex, counted from 0, -1 where unknown;
-    - ``NAME.template.txt`` or ``.npy``: the vertex of each template point, counted from 0, -1 where unknown;
+    - ``NAME.vts``, and ``NAME.sym.vts`` if there is one: the vertex of each template point, one per
+      line, counted from 1, and the vertex of its symmetric counterpart (the format of the TOSCA
+      remeshes);
+    - ``NAME.vertices.txt`` or ``.npy``: the template point of each vertex, counted from 0, -1 where
+      unknown;
+    - ``NAME.template.txt`` or ``.npy``: the vertex of each template point, counted from 0, -1 where
+      unknown;
     - ``NAME.txt`` or ``.npy``: two columns, vertex and template point, counted from 0.
 
-    If no mesh has any of them and all meshes have the same faces, vertices correspond by their number.
+    If no mesh has any of them and all meshes have the same faces, vertices correspond by their
+    number.
 
     Parameters
     ----------
@@ -42,25 +50,27 @@ def load_collection(
     reference : str, optional
         Name of the mesh to put first; the first in natural order (cat2 before cat10) by default.
     on_invalid : {"raise", "repair", "skip"}, default="raise"
-        What to do with a mesh that cannot be read, or whose correspondences cannot, or do not fit those of the others:
-        none beside it, ``.vts`` files of another length, other faces where vertices correspond by number. ``"skip"``
-        puts a `skfmap.shapes.SkippedShape` in its place, with a warning; ``SpectralBasis(on_invalid="skip")`` passes it
-        on, and the learner leaves it out. ``"repair"`` does so too, but reads a mesh with NaN coordinates or faces that
-        lead nowhere, with a warning: vertices keep their numbers, those without a place belong to no face, and
+        What to do with a mesh that cannot be read, or whose correspondences cannot, or do not fit
+        those of the others: none beside it, ``.vts`` files of another length, other faces where
+        vertices correspond by number. ``"skip"`` puts a `skfmap.shapes.SkippedShape` in its place,
+        with a warning; ``SpectralBasis(on_invalid="skip")`` passes it on, and the learner leaves it
+        out. ``"repair"`` does so too, but reads a mesh with NaN coordinates or faces that lead
+        nowhere, with a warning: vertices keep their numbers, those with NaN belong to no face, and
         ``SpectralBasis(on_invalid="repair")`` mends that and all else. The reference always raises.
 
     Returns
     -------
     sklearn.utils.Bunch
-        ``meshes`` (list of Mesh), ``correspondences`` (list of Correspondence), ``names`` (list of str), and ``DESCR``.
+        ``meshes`` (list of Mesh), ``correspondences`` (list of Correspondence), ``names`` (list of
+        str), and ``DESCR``.
 
     Raises
     ------
     FileNotFoundError, NotADirectoryError
         If the folder does not exist, is a file, or holds no such mesh.
     CorrespondenceError
-        If a mesh has no correspondences, or they do not fit it; if ``.vts`` files differ in length; or if a file beside
-        an STL mesh counts on vertex numbers, which that format does not have.
+        If a mesh has no correspondences, or they do not fit it; if ``.vts`` files differ in length;
+        or if a file beside an STL mesh counts on vertex numbers, which that format does not have.
     MeshError
         If a mesh cannot be read.
 
@@ -93,7 +103,7 @@ def load_collection(
     paths = _mesh_paths(folder, pattern, reference)
     names = [path.stem for path in paths]
     read = [_read(path, "raise" if i == 0 else on_invalid) for i, path in enumerate(paths)]
-    meshes: list[Any] = [one.mesh for one in read]
+    meshes = [one.mesh for one in read]
     found = [one.truth for one in read]
     beside = any(truth is not None for truth in found)
     faults = _missing_or_odd(paths, meshes, found) if beside else _other_faces(read, folder)
@@ -108,7 +118,10 @@ def load_collection(
         correspondences = [(found[i] if i in sound else None) or _NONE for i in range(len(meshes))]
         counts = [len(correspondences[i].pairs) for i in sound]
         n_symmetric = sum(truth.has_symmetric for truth in correspondences)
-        how = f"{_range(counts)} pairs per mesh read beside them, symmetric answers for {n_symmetric} of {len(sound)}"
+        how = (
+            f"{_range(counts)} pairs per mesh read beside them, symmetric answers for "
+            f"{n_symmetric} of {len(sound)}"
+        )
     else:
         by_number = (Correspondence.from_vertices(np.arange(mesh.n_vertices)) for mesh in meshes)
         correspondences = [truth if i in sound else _NONE for i, truth in enumerate(by_number)]
@@ -126,12 +139,12 @@ _LARGEST = 2**53  # whole numbers beyond are not exact as floats, which text is 
 
 _NO_FACES = np.empty((0, 3), dtype=np.int64)
 
-# What stands beside a shape that is left out.
+# The correspondence of a shape that is left out.
 _NONE = Correspondence(np.empty((0, 2), dtype=np.int64))
 
 
 class _Read(NamedTuple):
-    """What stands in the files of a shape: mesh, correspondence, faces as stored, and how these were mended."""
+    """What the files of a shape hold; ``faces`` as stored, ``done`` says how they were mended."""
 
     mesh: Mesh | SkippedShape
     truth: Correspondence | None = None
@@ -140,7 +153,7 @@ class _Read(NamedTuple):
 
 
 def _read(path: Path, on_invalid: str) -> _Read:
-    """Return a mesh and where it lies on the template, or the place of one that cannot be read."""
+    """Return a mesh and where it lies on the template; a skipped shape if it cannot be read."""
     try:
         arrays = read_arrays(path)
         mesh, done = (as_far_as_sound if on_invalid == "repair" else _as_it_is)(*arrays, path.stem)
@@ -161,18 +174,28 @@ def _range(counts: list[int]) -> str:
 
 def _mesh_paths(folder: Path, pattern: str, reference: str | None) -> list[Path]:
     if not isinstance(pattern, str) or not pattern or "/" in pattern or "**" in pattern:
-        raise ValueError(f"pattern must be the name of meshes in the folder, '*' for any letters; got {pattern!r}.")
+        raise ValueError(
+            "pattern must be the name of meshes in the folder, '*' for any letters; got "
+            f"{pattern!r}."
+        )
     for suffix in MESH_SUFFIXES:
         pattern = pattern.removesuffix(suffix)
-    # Files that begin with a dot are what systems leave beside others; a link that leads nowhere is an error later.
+    # Files that begin with a dot are what systems leave beside others; a link that leads nowhere is
+    # an error later.
     seen = (p for p in folder.glob(pattern + ".*") if p.is_symlink() or p.is_file())
-    paths = sorted((p for p in seen if p.suffix.lower() in MESH_SUFFIXES and p.name[0] != "."), key=_natural)
+    paths = sorted(
+        (p for p in seen if p.suffix.lower() in MESH_SUFFIXES and p.name[0] != "."), key=_natural
+    )
     if not paths:
-        raise FileNotFoundError(f"{folder} has no mesh {pattern!r} with suffix {', '.join(MESH_SUFFIXES)}.")
+        raise FileNotFoundError(
+            f"{folder} has no mesh {pattern!r} with suffix {', '.join(MESH_SUFFIXES)}."
+        )
     stems = [path.stem for path in paths]
     twice = sorted({stem for stem in stems if stems.count(stem) > 1})
     if twice:
-        raise ValueError(f"{folder} holds {twice} in more than one format; keep one, so that names are unique.")
+        raise ValueError(
+            f"{folder} holds {twice} in more than one format; keep one, so that names are unique."
+        )
     if reference is None:
         return paths
     if reference not in stems:
@@ -190,8 +213,8 @@ def _read_correspondence(path: Path, mesh: Mesh) -> Correspondence | None:
     truth = _find_correspondence(path, mesh)
     if truth is not None and path.suffix.lower() == ".stl":
         raise CorrespondenceError(
-            f"{path} has correspondences beside it, but STL files have no vertex numbers for these to count on; use "
-            "the OFF, OBJ or PLY file that they were made for."
+            f"{path} has correspondences beside it, but STL files have no vertex numbers for "
+            "these to count on; use the OFF, OBJ or PLY file that they were made for."
         )
     return truth
 
@@ -202,7 +225,9 @@ def _find_correspondence(path: Path, mesh: Mesh) -> Correspondence | None:
         symmetric = _read_vts(sym, mesh) if sym.is_file() else None
         return Correspondence.from_template(_read_vts(vts, mesh), symmetric)
     if path.with_suffix(".sym.vts").is_file():
-        raise CorrespondenceError(f"{path.with_suffix('.sym.vts')} has no {path.with_suffix('.vts').name} beside it.")
+        raise CorrespondenceError(
+            f"{path.with_suffix('.sym.vts')} has no {path.with_suffix('.vts').name} beside it."
+        )
     for kind in ("vertices", "template", "pairs"):
         stem = path.stem if kind == "pairs" else f"{path.stem}.{kind}"
         for suffix in (".npy", ".txt"):
@@ -210,19 +235,21 @@ def _find_correspondence(path: Path, mesh: Mesh) -> Correspondence | None:
                 try:
                     return _of_kind(kind, _read_integers(file), file, mesh)
                 except CorrespondenceError as error:
-                    raise CorrespondenceError(str(error) if str(file) in str(error) else f"{file}: {error}") from None
+                    raise CorrespondenceError(
+                        str(error) if str(file) in str(error) else f"{file}: {error}"
+                    ) from None
     return None
 
 
 def _missing_or_odd(
     paths: list[Path], meshes: list[Mesh | SkippedShape], found: list[Correspondence | None]
 ) -> dict[int, str]:
-    """Return what is wrong with the files beside meshes, by place: there is none, or .vts files differ in length."""
+    """Return, by index, which meshes have no file beside them or a .vts file of another length."""
     sound = [i for i, mesh in enumerate(meshes) if isinstance(mesh, Mesh)]
     missing = [paths[i].stem for i in sound if found[i] is None]
     faults = {
-        i: f"{paths[i].parent} has correspondence files for some meshes, but none for {missing}; add them, or choose "
-        "meshes with `pattern`."
+        i: f"{paths[i].parent} has correspondence files for some meshes, but none for {missing}; "
+        "add them, or choose meshes with `pattern`."
         for i in sound
         if found[i] is None
     }
@@ -233,8 +260,8 @@ def _missing_or_odd(
         odd = {name: length for name, length in own.items() if length != usual}
         if odd:
             faults[i] = (
-                f".vts files must all have one line per template point, {usual} here; these differ: {odd}. For points "
-                "that a shape lacks, use NAME.template.txt with -1."
+                f".vts files must all have one line per template point, {usual} here; these "
+                f"differ: {odd}. For points that a shape lacks, use NAME.template.txt with -1."
             )
     return faults
 
@@ -249,13 +276,14 @@ def _read_vts(path: Path, mesh: Mesh) -> IntArray:
     indices = _read_integers(path)
     if indices.ndim == 1 and indices.min() == 0:
         raise CorrespondenceError(
-            f"{path} holds 0, but .vts files hold vertices counted from 1 up to {mesh.n_vertices}. If it counts from "
-            f"0, name it {path.name.split('.')[0]}.template.txt, or add 1 to every line."
+            f"{path} holds 0, but .vts files hold vertices counted from 1 up to "
+            f"{mesh.n_vertices}. If it counts from 0, name it "
+            f"{path.name.split('.')[0]}.template.txt, or add 1 to every line."
         )
     if indices.ndim != 1 or indices.min() < 1 or indices.max() > mesh.n_vertices:
         raise CorrespondenceError(
-            f"{path} must hold one vertex per line, counted from 1 up to {mesh.n_vertices}; got shape {indices.shape}, "
-            f"values {indices.min()} to {indices.max()}."
+            f"{path} must hold one vertex per line, counted from 1 up to {mesh.n_vertices}; got "
+            f"shape {indices.shape}, values {indices.min()} to {indices.max()}."
         )
     return indices - 1
 
@@ -274,13 +302,20 @@ def _read_integers(path: Path) -> IntArray:
             f"{type(error).__name__}: {said}."
         ) from error
     if not isinstance(values, np.ndarray):
-        raise CorrespondenceError(f"{path} holds an archive of arrays (.npz); save the one array that is meant.")
+        raise CorrespondenceError(
+            f"{path} holds an archive of arrays (.npz); save the one array that is meant."
+        )
     if values.size == 0:
         raise CorrespondenceError(f"{path} is empty.")
-    if values.dtype.kind not in "iuf" or not (np.isfinite(values) & (values == np.round(values))).all():
+    if (
+        values.dtype.kind not in "iuf"
+        or not (np.isfinite(values) & (values == np.round(values))).all()
+    ):
         raise CorrespondenceError(f"{path} must hold whole numbers.")
     if np.abs(values.astype(np.float64)).max() > _LARGEST:
-        raise CorrespondenceError(f"{path} holds numbers that no vertex has: {values.min():g} to {values.max():g}.")
+        raise CorrespondenceError(
+            f"{path} holds numbers that no vertex has: {values.min():g} to {values.max():g}."
+        )
     return values.astype(np.int64)
 
 
@@ -288,9 +323,10 @@ def _of_kind(kind: str, values: IntArray, path: Path, mesh: Mesh) -> Corresponde
     if kind == "pairs":
         if values.ndim != 2 or values.shape[1] != 2:
             raise CorrespondenceError(
-                f"{path} must have two columns, vertex and template point; got shape {values.shape}. Name a file of "
-                f"one column {path.stem}.vertices{path.suffix} (template point of each vertex) or "
-                f"{path.stem}.template{path.suffix} (vertex of each template point)."
+                f"{path} must have two columns, vertex and template point; got shape "
+                f"{values.shape}. Name a file of one column {path.stem}.vertices{path.suffix} "
+                f"(template point of each vertex) or {path.stem}.template{path.suffix} (vertex of "
+                "each template point)."
             )
         check_index_range(values[:, 0], mesh.n_vertices, f"The pairs of {path}")
         return Correspondence(values)
@@ -299,18 +335,23 @@ def _of_kind(kind: str, values: IntArray, path: Path, mesh: Mesh) -> Corresponde
         return Correspondence.from_template(values)
     if values.shape != (mesh.n_vertices,):
         raise CorrespondenceError(
-            f"{path} must hold one template point for each of {mesh.n_vertices} vertices; got shape {values.shape}."
+            f"{path} must hold one template point for each of {mesh.n_vertices} vertices; got "
+            f"shape {values.shape}."
         )
     return Correspondence.from_vertices(values)
 
 
 def _other_faces(read: list[_Read], folder: Path) -> dict[int, str]:
-    """Return, by place, which meshes have other faces than the first, so that vertices do not correspond by number."""
+    """Return, by index, which meshes have other faces than the first.
+
+    Their vertices do not correspond by number.
+    """
     first = read[0]
     return {
-        i: f"{folder} has no correspondence files, and {one.mesh.name!r} has other faces than {first.mesh.name!r}, so "
-        "that vertices do not correspond by number. Put a file beside each mesh: NAME.vts, NAME.vertices.txt, "
-        "NAME.template.txt or NAME.txt; help(skfmap.datasets.load_collection) explains them."
+        i: f"{folder} has no correspondence files, and {one.mesh.name!r} has other faces than "
+        f"{first.mesh.name!r}, so that vertices do not correspond by number. Put a file beside "
+        "each mesh: NAME.vts, NAME.vertices.txt, NAME.template.txt or NAME.txt; "
+        "help(skfmap.datasets.load_collection) explains them."
         for i, one in enumerate(read)
         if isinstance(one.mesh, Mesh) and not np.array_equal(one.faces, first.faces)
     }

@@ -6,32 +6,44 @@ from skfmap._tools.types import FloatArray
 from skfmap._tools.validation import check_choice, check_number
 from skfmap.descriptors.family import ProbeFamily, check_range
 from skfmap.functional.projection import diffuse, project
-from skfmap.geometry.curvature import clip_by_area, gaussian_curvature, log_magnitude, mean_curvature
+from skfmap.geometry.curvature import (
+    clip_by_area,
+    gaussian_curvature,
+    log_magnitude,
+    mean_curvature,
+)
 from skfmap.geometry.saliency import mesh_saliency
 from skfmap.shapes import SpectralShape
 
 __all__ = ["DiffusedCurvature", "MeshSaliency"]
 
+# Percentiles from 50 on would leave nothing between the lower and the upper one.
+_HIGHEST_PERCENTILE = 49
+
 
 class DiffusedCurvature(ProbeFamily):
-    """Gaussian or mean curvature, made a family of functions by heat diffusion at several times (section 5.1).
+    """Gaussian or mean curvature, diffused by heat for several times (section 5.1).
 
     Parameters
     ----------
     kind : {"gaussian", "mean"}, default="gaussian"
-        Gaussian curvature is the angle defect per area; mean curvature is positive where the surface is convex.
+        Gaussian curvature is the angle defect per area; mean curvature is positive where the
+        surface is convex.
     logarithm : bool, default=False
-        Whether to diffuse the logarithm of the absolute value, which puts more weight on flat areas.
+        Whether to diffuse the logarithm of the absolute value, which puts more weight on flat
+        areas.
     n_functions : int, default=5
         Number of diffusion times, in geometric progression.
     t_min, t_max : float, default=1e-3, 0.1
-        First and last time on the shape of unit area. Diffusion is exact in the basis: coefficients decay as
-        exp(-t lambda).
+        First and last time on the shape of unit area. Diffusion is exact in the basis: coefficients
+        decay as exp(-t lambda).
     percentile : float, default=2
-        The initial function is clipped to its area-weighted percentiles ``percentile`` and ``100 - percentile``.
+        The initial function is clipped to its area-weighted percentiles ``percentile`` and ``100 -
+        percentile``.
     floor : float, default=1
-        With ``logarithm``: curvature magnitude at unit area below which the logarithm stays flat; about the 1st
-        percentile of the magnitude of Gaussian curvature, and the 5th of mean curvature, on a TOSCA cat.
+        With ``logarithm``: curvature magnitude at unit area below which the logarithm stays flat;
+        about the 1st percentile of the magnitude of Gaussian curvature, and the 5th of mean
+        curvature, on a TOSCA cat.
     """
 
     def __init__(
@@ -57,7 +69,7 @@ class DiffusedCurvature(ProbeFamily):
         """Raise for parameters that cannot be used."""
         check_choice(self.kind, "kind", ("gaussian", "mean"))
         check_range(self.n_functions, self.t_min, self.t_max, "t_min", "t_max")
-        check_number(self.percentile, "percentile", low=0, high=49)
+        check_number(self.percentile, "percentile", low=0, high=_HIGHEST_PERCENTILE)
         check_number(self.floor, "floor", low=0, strict=True)
 
     def labels(self) -> list[str]:
@@ -66,7 +78,9 @@ class DiffusedCurvature(ProbeFamily):
 
     def coefficients(self, shape: SpectralShape) -> FloatArray:
         """Return the coefficients, shape (n_components, n_functions)."""
-        curvature = _gaussian_curvature(shape) if self.kind == "gaussian" else _mean_curvature(shape)
+        curvature = (
+            _gaussian_curvature(shape) if self.kind == "gaussian" else _mean_curvature(shape)
+        )
         values = log_magnitude(curvature, self.floor) if self.logarithm else curvature
         initial = clip_by_area(values, shape.mass, self.percentile)
         return diffuse(project(initial, shape.evecs, shape.mass), shape.evals, self._times())
@@ -83,14 +97,20 @@ class MeshSaliency(ProbeFamily):
     n_functions : int, default=10
         Number of scales sigma, in geometric progression; each compares sigma with 2 sigma.
     sigma_min, sigma_max : float, default=0.025, 0.1
-        Smallest and largest scale in units of sqrt(area), measured along the surface (Lee's fraction of the bounding
-        box depends on the pose). 0.025 is 1.5 mean edges of a mesh of 5,000 vertices.
+        Smallest and largest scale in units of sqrt(area), measured along the surface (Lee's
+        fraction of the bounding box depends on the pose). 0.025 is 1.5 mean edges of a mesh of
+        5,000 vertices.
     percentile : float, default=2
         Area-weighted percentiles that the mean curvature is clipped to first.
     """
 
     def __init__(
-        self, n_functions: int = 10, *, sigma_min: float = 0.025, sigma_max: float = 0.1, percentile: float = 2.0
+        self,
+        n_functions: int = 10,
+        *,
+        sigma_min: float = 0.025,
+        sigma_max: float = 0.1,
+        percentile: float = 2.0,
     ) -> None:
         self.n_functions = n_functions
         self.sigma_min = sigma_min
@@ -100,7 +120,7 @@ class MeshSaliency(ProbeFamily):
     def check_parameters(self) -> None:
         """Raise for parameters that cannot be used."""
         check_range(self.n_functions, self.sigma_min, self.sigma_max, "sigma_min", "sigma_max")
-        check_number(self.percentile, "percentile", low=0, high=49)
+        check_number(self.percentile, "percentile", low=0, high=_HIGHEST_PERCENTILE)
 
     def labels(self) -> list[str]:
         """Return the scales."""

@@ -20,7 +20,10 @@ def paper_families(n_functions: int = 5) -> list[tuple[str, ProbeFamily]]:
         ("wks_wide", WaveKernelSignature(n_functions, sigma=0.6)),
         ("gaussian_curvature", DiffusedCurvature("gaussian", n_functions=n_functions)),
         ("mean_curvature", DiffusedCurvature("mean", n_functions=n_functions)),
-        ("log_gaussian_curvature", DiffusedCurvature("gaussian", logarithm=True, n_functions=n_functions)),
+        (
+            "log_gaussian_curvature",
+            DiffusedCurvature("gaussian", logarithm=True, n_functions=n_functions),
+        ),
         ("log_mean_curvature", DiffusedCurvature("mean", logarithm=True, n_functions=n_functions)),
         ("saliency", MeshSaliency(2 * n_functions)),
     ]

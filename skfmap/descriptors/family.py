@@ -19,8 +19,9 @@ __all__ = ["ProbeFamily", "check_range", "check_spectral", "finite_coefficients"
 class ProbeFamily(StatelessShapeTransformer, BaseEstimator, ABC):
     """A family of probe functions; derive from it to add one.
 
-    A family is stateless: its scales are constants on shapes of unit area, so that a probe means the same on every
-    shape. Subclasses store parameters in ``__init__`` and implement `check_parameters`, `labels` and `coefficients`.
+    A family is stateless: its scales are constants on shapes of unit area, so that a probe means
+    the same on every shape. Subclasses store parameters in ``__init__`` and implement
+    `check_parameters`, `labels` and `coefficients`.
     """
 
     @abstractmethod
@@ -41,16 +42,23 @@ class ProbeFamily(StatelessShapeTransformer, BaseEstimator, ABC):
         return self
 
     def transform(self, X: Sequence[SpectralShape]) -> list[FloatArray]:
-        """Return the coefficients of the functions on each shape, each of shape (n_components, n_functions).
+        """Return the coefficients of the functions on each shape; skipped shapes are left out.
 
-        Shapes that were skipped are left out.
+        Each array has shape (n_components, n_functions).
         """
         self.check_parameters()
         return [finite_coefficients(self, shape) for shape in pick_usable(check_spectral(X)).shapes]
 
 
 def check_range(
-    n: object, low: object, high: object, low_name: str, high_name: str, *, count: str = "n_functions", least: int = 1
+    n: object,
+    low: object,
+    high: object,
+    low_name: str,
+    high_name: str,
+    *,
+    count: str = "n_functions",
+    least: int = 1,
 ) -> None:
     """Raise unless a count and the ends of a range can be used."""
     check_number(n, count, low=least, integer=True)
@@ -61,24 +69,25 @@ def check_range(
 
 
 def finite_coefficients(family: ProbeFamily, shape: SpectralShape) -> FloatArray:
-    """Return the coefficients of a family; those that are no numbers are an error that names both."""
+    """Return the coefficients of a family; raise if they are not finite."""
     coefficients = np.asarray(family.coefficients(shape))
     if not np.isfinite(coefficients).all():
         raise ValueError(
-            f"{family!r} gives probe functions with NaN or infinite coefficients on {label(shape.name, 'shape')}; "
-            "check its parameters, and the mesh with check_mesh."
+            f"{family!r} gives probe functions with NaN or infinite coefficients on "
+            f"{label(shape.name, 'shape')}; check its parameters, and the mesh with check_mesh."
         )
     return coefficients
 
 
 def check_spectral(X: object) -> Sequence[SpectralShape]:
-    """Return the shapes of ``X``; one bare shape, and anything that is no spectral shape, is an error."""
+    """Return the shapes of ``X``; raise unless they are a sequence of spectral shapes."""
     if isinstance(X, SpectralShape):
         raise TypeError("X is one spectral shape, not a sequence of them; wrap it in a list: [X].")
     shapes = check_samples(X, "spectral shapes")
     for i, shape in enumerate(shapes):
         if not isinstance(shape, (SpectralShape, SkippedShape)):
             raise TypeError(
-                f"X[{i}] is a {type(shape).__name__}, not a SpectralShape; put SpectralBasis before this step."
+                f"X[{i}] is a {type(shape).__name__}, not a SpectralShape; put SpectralBasis "
+                "before this step."
             )
     return shapes

@@ -18,8 +18,9 @@ __all__ = ["OrientedProducts"]
 class OrientedProducts(ProbeFamily):
     """Products <grad f x grad g, n> of pairs of signatures: they change sign under a reflection.
 
-    The probes of the paper do not change under a shape's left-right symmetry, and so cannot tell left from right. These
-    do, once the faces are wound outwards. As an operator this is the orientation term of Ren et al. 2018.
+    The probes of the paper do not change under a shape's left-right symmetry, and so cannot tell
+    left from right. These do, once the faces are wound outwards. As an operator this is the
+    orientation term of Ren et al. 2018.
 
     Parameters
     ----------
@@ -28,11 +29,17 @@ class OrientedProducts(ProbeFamily):
     sigma : float, default=0.3
         Standard deviation of the wave kernel signatures, in log eigenvalue.
     lambda_min, lambda_max : float, default=5, 400
-        Eigenvalues at unit area that the first and the last energy sit at.
+        Eigenvalues at unit area that the first and the last energy sit at: below the first of
+        TOSCA's cats (7), and at about their 35th.
     """
 
     def __init__(
-        self, n_sources: int = 11, *, sigma: float = 0.3, lambda_min: float = 5.0, lambda_max: float = 400.0
+        self,
+        n_sources: int = 11,
+        *,
+        sigma: float = 0.3,
+        lambda_min: float = 5.0,
+        lambda_max: float = 400.0,
     ) -> None:
         self.n_sources = n_sources
         self.sigma = sigma
@@ -42,7 +49,13 @@ class OrientedProducts(ProbeFamily):
     def check_parameters(self) -> None:
         """Raise for parameters that cannot be used."""
         check_range(
-            self.n_sources, self.lambda_min, self.lambda_max, "lambda_min", "lambda_max", count="n_sources", least=2
+            self.n_sources,
+            self.lambda_min,
+            self.lambda_max,
+            "lambda_min",
+            "lambda_max",
+            count="n_sources",
+            least=2,
         )
         check_number(self.sigma, "sigma", low=0, strict=True)
 
@@ -54,16 +67,23 @@ class OrientedProducts(ProbeFamily):
         """Return the coefficients, shape (n_components, n_functions)."""
         if not shape.oriented:
             raise MeshError(
-                f"The faces of {label(shape.name)} cannot be wound consistently, so it has no left and right; mend "
-                "its non-manifold edges, or use DescriptorTransformer('paper')."
+                f"The faces of {label(shape.name)} cannot be wound consistently, so it has no "
+                "left and right; mend its non-manifold edges, or use "
+                "DescriptorTransformer('paper')."
             )
-        sources = wave_kernel_signature(shape.evals, shape.evecs, np.log(self._energies()), self.sigma)
+        sources = wave_kernel_signature(
+            shape.evals, shape.evecs, np.log(self._energies()), self.sigma
+        )
         first, second = np.array(list(combinations(range(self.n_sources), 2))).T
-        integrals = integrated_oriented_products(sources[:, first], sources[:, second], shape.mesh.faces)
+        integrals = integrated_oriented_products(
+            sources[:, first], sources[:, second], shape.mesh.faces
+        )
         coefficients = shape.evecs.T @ integrals
-        # On a surface of revolution all gradients are parallel, and on one with two mirror planes no low function tells
-        # left from right: what is left is rounding, and must not be normalised.
-        steepness = np.sqrt((sources * (shape.stiffness @ sources)).sum(axis=0))
+        # On a surface of revolution all gradients are parallel, and on one with two mirror planes
+        # no low function tells left from right: what is left is rounding, and must not be
+        # normalised. On symmetric ellipsoids rounding stays below 1e-12, and all else above 1e-7;
+        # of TOSCA's cats the largest coefficient of each function is 0.009 and more.
+        steepness = np.sqrt((sources * np.asarray(shape.stiffness @ sources)).sum(axis=0))
         noise = np.abs(coefficients) <= 1e-8 * steepness[first] * steepness[second]
         return np.asarray(np.where(noise, 0.0, coefficients))
 

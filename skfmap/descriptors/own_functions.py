@@ -1,9 +1,9 @@
 """Probe functions that a person writes."""
 
 from collections.abc import Callable
-from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
 from skfmap._tools.types import FloatArray
 from skfmap._tools.validation import as_reals, check_number, label
@@ -15,14 +15,15 @@ __all__ = ["FunctionProbes"]
 
 
 class FunctionProbes(ProbeFamily):
-    """Probe functions that a plain Python function computes, as FunctionTransformer wraps one for tables.
+    """Probe functions that a Python function computes, like FunctionTransformer for tables.
 
     Parameters
     ----------
     function : callable
-        Takes a `SpectralShape` (of unit area: ``vertices``, ``mesh.faces``, ``mass``, ``evals``, ``evecs``) and returns
-        values at its vertices, shape (n_vertices,) or (n_vertices, n_functions). Its scales must be constants at unit
-        area, so that a probe means the same on every shape.
+        Takes a `SpectralShape` (of unit area: ``vertices``, ``mesh.faces``, ``mass``, ``evals``,
+        ``evecs``) and returns values at its vertices, shape (n_vertices,) or (n_vertices,
+        n_functions). Its scales must be constants at unit area, so that a probe means the same on
+        every shape.
     n_functions : int, default=1
         Number of functions that it returns.
     kw_args : dict, optional
@@ -30,10 +31,10 @@ class FunctionProbes(ProbeFamily):
 
     Notes
     -----
-    Results are cached where `DescriptorTransformer` has a ``memory`` if ``function`` is a function of a module; a
-    lambda or a closure is computed each time, because nothing tells one from the next. The source of ``function`` is
-    part of the key, and so is that of what it calls in modules that are not installed: change either, and it is
-    computed anew.
+    Results are cached where `DescriptorTransformer` has a ``memory`` if ``function`` is a function
+    of a module; a lambda or a closure is computed each time, because nothing tells one from the
+    next. The source of ``function`` is part of the key, and so is that of what it calls in modules
+    that are not installed: change either, and it is computed anew.
 
     Examples
     --------
@@ -44,17 +45,18 @@ class FunctionProbes(ProbeFamily):
     >>> def depth(shape, power=2.0):
     ...     return np.linalg.norm(shape.vertices - shape.mass @ shape.vertices, axis=1) ** power
     >>> families = [*paper_families(), ("depth", FunctionProbes(depth, kw_args={"power": 3.0}))]
-    >>> (shape,) = DescriptorTransformer(families).transform(SpectralBasis(20).transform([make_sphere(3)]))
+    >>> shapes = SpectralBasis(20).transform([make_sphere(3)])
+    >>> (shape,) = DescriptorTransformer(families).transform(shapes)
     >>> shape.probe_names[-1]
     'depth[depth]'
     """
 
     def __init__(
         self,
-        function: Callable[..., FloatArray],
+        function: Callable[..., npt.ArrayLike],
         n_functions: int = 1,
         *,
-        kw_args: dict[str, Any] | None = None,
+        kw_args: dict[str, object] | None = None,
     ) -> None:
         self.function = function
         self.n_functions = n_functions
@@ -75,12 +77,17 @@ class FunctionProbes(ProbeFamily):
 
     def coefficients(self, shape: SpectralShape) -> FloatArray:
         """Return the coefficients, shape (n_components, n_functions)."""
-        values = as_reals(self.function(shape, **(self.kw_args or {})), f"What {self.function!r} returns")
+        values = as_reals(
+            self.function(shape, **(self.kw_args or {})), f"What {self.function!r} returns"
+        )
         columns = values[:, None] if values.ndim == 1 else values
-        if columns.shape != (shape.mesh.n_vertices, self.n_functions) or not np.isfinite(columns).all():
+        if (
+            columns.shape != (shape.mesh.n_vertices, self.n_functions)
+            or not np.isfinite(columns).all()
+        ):
             raise ValueError(
-                f"{self.labels()[0]} must return finite values of shape ({shape.mesh.n_vertices}, {self.n_functions}) "
-                f"on {label(shape.name)}; got shape {values.shape}"
+                f"{self.labels()[0]} must return finite values of shape ({shape.mesh.n_vertices}, "
+                f"{self.n_functions}) on {label(shape.name)}; got shape {values.shape}"
                 + ("." if np.isfinite(values).all() else " with NaN or infinite values.")
             )
         return project(columns, shape.evecs, shape.mass)

@@ -1,14 +1,15 @@
 """From spectral shapes to probed shapes."""
 
 import hashlib
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any, Self
 
 import numpy as np
+import numpy.typing as npt
 from sklearn.base import clone
 from sklearn.utils.metaestimators import _BaseComposition
 
-from skfmap._tools.caching import cached, code_of
+from skfmap._tools.caching import MemoryLike, cached, code_of
 from skfmap._tools.parallel import map_shapes
 from skfmap._tools.stateless import StatelessShapeTransformer
 from skfmap._tools.types import FloatArray
@@ -31,11 +32,12 @@ class DescriptorTransformer(Versioned, StatelessShapeTransformer, _BaseCompositi
     ----------
     families : list of (str, ProbeFamily), {"paper", "paper-310"}, or None
         Named families, as in FeatureUnion; parameters are reachable as ``name__parameter``. None is
-        `default_families` (the paper's nine and the oriented one: 105 functions), ``"paper"`` the paper's nine alone
-        (50 functions), ``"paper-310"`` the 310 of section 5.3.
+        `default_families` (the paper's nine and the oriented one: 105 functions), ``"paper"`` the
+        paper's nine alone (50 functions), ``"paper-310"`` the 310 of section 5.3.
     on_invalid : {"raise", "skip"}, default="raise"
-        What to do with a shape that a family cannot deal with, such as oriented probes with a surface that has no
-        outside. ``"skip"`` puts a `skfmap.shapes.SkippedShape` in its place, with a warning.
+        What to do with a shape that a family cannot deal with, such as oriented probes with a
+        surface that has no outside. ``"skip"`` puts a `skfmap.shapes.SkippedShape` in its place,
+        with a warning.
     memory : str or joblib.Memory, optional
         Where results are cached, by mesh content and parameters.
     n_jobs : int, optional
@@ -50,7 +52,8 @@ class DescriptorTransformer(Versioned, StatelessShapeTransformer, _BaseCompositi
 
     Notes
     -----
-    Stateless. All scales are constants on shapes of unit area. The name of a family is the category of its functions.
+    Stateless. All scales are constants on shapes of unit area. The name of a family is the category
+    of its functions.
 
     Examples
     --------
@@ -69,7 +72,7 @@ class DescriptorTransformer(Versioned, StatelessShapeTransformer, _BaseCompositi
         families: list[tuple[str, ProbeFamily]] | str | None = None,
         *,
         on_invalid: str = "raise",
-        memory: Any = None,
+        memory: MemoryLike = None,
         n_jobs: int | None = None,
         verbose: int = 0,
     ) -> None:
@@ -134,28 +137,39 @@ class DescriptorTransformer(Versioned, StatelessShapeTransformer, _BaseCompositi
         warn_of_skipped(probed)
         return put_back(probed, given, lambda skipped: skipped)
 
-    def get_feature_names_out(self, input_features: object = None) -> Any:  # noqa: ARG002
-        """Return the names of the probe functions, ``family[label]``; an object array of shape (n_probes,)."""
+    def get_feature_names_out(
+        self,
+        input_features: object = None,  # noqa: ARG002
+    ) -> npt.NDArray[np.object_]:
+        """Return the names of the probe functions, ``family[label]``, an object array."""
         families = self._checked_families()
-        return np.array([f"{name}[{text}]" for name, family in families for text in family.labels()], dtype=object)
+        return np.array(
+            [f"{name}[{text}]" for name, family in families for text in family.labels()],
+            dtype=object,
+        )
 
     @property
-    def probe_categories_(self) -> Any:
+    def probe_categories_(self) -> npt.NDArray[np.object_]:
         """Family of each probe function; an object array of shape (n_probes,)."""
         families = self._checked_families()
         return np.array([name for name, family in families for _ in family.labels()], dtype=object)
 
     def get_params(self, deep: bool = True) -> dict[str, Any]:
-        """Return the parameters; with ``deep`` those of the families too, as ``name__parameter``."""
+        """Return the parameters; if ``deep``, those of the families too, as ``name__parameter``."""
         params: dict[str, Any] = super().get_params(deep=False)
         if deep:
             for name, family in self._resolved():
                 params[name] = family
-                params.update({f"{name}__{key}": value for key, value in family.get_params().items()})
+                params.update(
+                    {f"{name}__{key}": value for key, value in family.get_params().items()}
+                )
         return params
 
-    def set_params(self, **params: Any) -> Self:
-        """Set parameters; ``name__parameter`` reaches into a family and turns a shorthand into its list of families."""
+    def set_params(self, **params: object) -> Self:
+        """Set parameters; ``name__parameter`` reaches into a family.
+
+        It turns a shorthand into its list of families.
+        """
         own = {key: params.pop(key) for key in list(params) if key in self.get_params(deep=False)}
         super().set_params(**own)
         if params:
@@ -179,22 +193,31 @@ class DescriptorTransformer(Versioned, StatelessShapeTransformer, _BaseCompositi
     def _checked_families(self) -> list[tuple[str, ProbeFamily]]:
         check_choice(self.on_invalid, "on_invalid", ("raise", "skip"))
         if isinstance(self.families, str) and self.families not in SHORTHANDS:
-            raise ValueError(f"families must be None, a list, or one of {sorted(SHORTHANDS)}; got {self.families!r}.")
-        if not (self.families is None or isinstance(self.families, str) or _are_pairs(self.families)):
-            raise TypeError(f"families must be a list of (name, ProbeFamily) pairs; got {self.families!r}.")
+            raise ValueError(
+                f"families must be None, a list, or one of {sorted(SHORTHANDS)}; got "
+                f"{self.families!r}."
+            )
+        if not (
+            self.families is None or isinstance(self.families, str) or _are_pairs(self.families)
+        ):
+            raise TypeError(
+                f"families must be a list of (name, ProbeFamily) pairs; got {self.families!r}."
+            )
         families = self._resolved()
         if not families:
             raise ValueError("families is empty; give at least one (name, family) pair.")
         for name, family in families:
             if not isinstance(family, ProbeFamily):
-                raise TypeError(f"Family {name!r} must be a ProbeFamily; got {type(family).__name__}.")
+                raise TypeError(
+                    f"Family {name!r} must be a ProbeFamily; got {type(family).__name__}."
+                )
             family.check_parameters()
         self._validate_names([name for name, _ in families])
         return families
 
 
 def _are_pairs(families: object) -> bool:
-    """Tell a list of (name, estimator) pairs from anything else."""
+    """Return whether these are (name, estimator) pairs."""
     return isinstance(families, (list, tuple)) and all(
         isinstance(item, (tuple, list))
         and len(item) == 2
@@ -205,45 +228,65 @@ def _are_pairs(families: object) -> bool:
 
 
 def _recipe(shape: SpectralShape, families: list[tuple[str, ProbeFamily]]) -> tuple[str, ...]:
-    """Return what the coefficients depend on beside the mesh, in words that are the same in every process."""
-    parts = [f"{name}: {type(family).__name__} {_told(family.get_params())}" for name, family in families]
+    """Return what the coefficients depend on beside the mesh, the same text in every process."""
+    parts = [
+        f"{name}: {type(family).__name__} {_told(family.get_params())}" for name, family in families
+    ]
     return f"n_components={shape.n_components}", f"laplacian={shape.laplacian!r}", *parts
 
 
 def _told(params: dict[str, Any]) -> list[tuple[str, Any]]:
     """Return parameters with the names of functions instead of their addresses."""
-    return [(key, _name_of(value) if callable(value) else value) for key, value in sorted(params.items())]
+    return [
+        (key, _name_of(value) if callable(value) else value)
+        for key, value in sorted(params.items())
+    ]
 
 
-def _name_of(function: Any) -> str:
-    """Return the name of a function; of one without a name, its name and a hash of its code."""
+def _name_of(function: Callable[..., object]) -> str:
+    """Return the name of a function; for a lambda also a hash of its code."""
     name = str(getattr(function, "__qualname__", type(function).__qualname__))
     code = getattr(function, "__code__", None)
     if code is None or "<lambda>" not in name:
         return name
-    constants = [item for item in code.co_consts if isinstance(item, (int, float, complex, str, tuple))]
+    constants = [
+        item for item in code.co_consts if isinstance(item, (int, float, complex, str, tuple))
+    ]
     digest = hashlib.sha256(repr((code.co_code, constants, code.co_names)).encode()).hexdigest()
-    return f"{name}-{digest[:8]}"
+    return f"{name}-{digest[:8]}"  # 32 bits tell the lambdas of one model apart
 
 
 def _codes(family: ProbeFamily) -> list[str | None]:
-    """Return hashes of the code that a family and its parameters bring along; None where it cannot be told."""
+    """Return hashes of the code of a family and of its parameters; None where there is none."""
     functions = [value for value in family.get_params().values() if callable(value)]
     return [code_of(item) for item in (type(family), *functions)]
 
 
-def _coefficients(shape: SpectralShape, families: list[ProbeFamily], memory: Any) -> FloatArray:
+def _coefficients(
+    shape: SpectralShape, families: list[ProbeFamily], memory: MemoryLike
+) -> FloatArray:
     codes = [code for family in families for code in _codes(family)]
     compute = cached(_stacked, memory if None not in codes else None)
-    return np.asarray(compute(shape, shape.mesh.content_hash, families, shape.n_components, shape.laplacian, codes))
+    return np.asarray(
+        compute(
+            shape, shape.mesh.content_hash, families, shape.n_components, shape.laplacian, codes
+        )
+    )
 
 
-def _coefficients_or_skip(shape: SpectralShape, *how: Any) -> FloatArray | SkippedShape:
+def _coefficients_or_skip(
+    shape: SpectralShape, families: list[ProbeFamily], memory: MemoryLike
+) -> FloatArray | SkippedShape:
     try:
-        return _coefficients(shape, *how)
+        return _coefficients(shape, families, memory)
     except MeshError as error:
         return SkippedShape(shape.name, str(error), n_given_vertices(shape))
 
 
-def _stacked(shape: SpectralShape, content_hash: str, families: list[ProbeFamily], *key: object) -> FloatArray:  # noqa: ARG001
+def _stacked(
+    shape: SpectralShape,
+    content_hash: str,  # noqa: ARG001
+    families: list[ProbeFamily],
+    *key: object,  # noqa: ARG001
+) -> FloatArray:
     return np.column_stack([finite_coefficients(family, shape) for family in families])

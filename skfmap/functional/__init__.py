@@ -1,4 +1,7 @@
-"""Kernels on arrays in a basis: functional maps, their learning, and stable functions. Needs numpy and scipy only."""
+"""Kernels on arrays in a basis: functional maps, their learning, and stable functions.
+
+They need numpy and scipy only.
+"""
 
 from skfmap.functional.eigenbasis import laplacian_eigenbasis
 from skfmap.functional.embedding import spectral_embeddings

@@ -36,11 +36,13 @@ _LOOKS = 12
 _NIL_SKEWNESS = 1e-6
 
 
-def laplacian_eigenbasis(stiffness: SparseMatrix, mass: FloatArray, n_components: int) -> tuple[FloatArray, FloatArray]:
+def laplacian_eigenbasis(
+    stiffness: SparseMatrix, mass: FloatArray, n_components: int
+) -> tuple[FloatArray, FloatArray]:
     """Solve ``stiffness @ evecs = diag(mass) @ evecs @ diag(evals)`` for the smallest eigenvalues.
 
-    Block Lanczos on the shifted inverse, with full orthogonalisation and fixed start vectors, so that every run returns
-    the same result. Residuals relative to max(eigenvalue, 1) are below 1e-9.
+    Block Lanczos on the shifted inverse, with full orthogonalisation and fixed start vectors, so
+    that every run returns the same result. Residuals relative to max(eigenvalue, 1) are below 1e-9.
 
     Parameters
     ----------
@@ -94,15 +96,20 @@ def laplacian_eigenbasis(stiffness: SparseMatrix, mass: FloatArray, n_components
     return evals, np.asfortranarray(fix_signs(evecs, mass))
 
 
-def _block_lanczos(A: SparseMatrix, null: FloatArray, n_wanted: int) -> tuple[FloatArray, FloatArray]:
-    """Return the smallest eigenvalues of a matrix whose null space is known, ascending, and their vectors.
+def _block_lanczos(
+    A: SparseMatrix, null: FloatArray, n_wanted: int
+) -> tuple[FloatArray, FloatArray]:
+    """Return the smallest eigenvalues of a matrix with a known null vector, and their vectors.
 
-    A basis of the Krylov space of K = (A + shift)^-1 grows by a block at a time, each one the part of K times the block
-    before that is new. One more application of K takes rounding errors of high frequency out of the Ritz vectors.
+    Eigenvalues ascend. A basis of the Krylov space of K = (A + shift)^-1 grows by a block at a
+    time, each one the part of K times the block before that is new. One more application of K takes
+    rounding errors of high frequency out of the Ritz vectors.
     """
     n = len(null)
     shifted = sp.csc_array(A + _SHIFT * sp.eye_array(n))
-    solver = splu(shifted, permc_spec="COLAMD", diag_pivot_thresh=0.0, options={"SymmetricMode": True})
+    solver = splu(
+        shifted, permc_spec="COLAMD", diag_pivot_thresh=0.0, options={"SymmetricMode": True}
+    )
     most = min(n - _BLOCK, int(_MOST * n_wanted) + _SOME_MORE)
     # One block more than is looked at: the last one is written, but not used.
     Q = np.empty((n, most + _BLOCK), order="F")  # columns are touched as they are needed
@@ -115,7 +122,8 @@ def _block_lanczos(A: SparseMatrix, null: FloatArray, n_wanted: int) -> tuple[Fl
     for end in range(1 + _BLOCK, most + 1, _BLOCK):
         begin, is_last = end - _BLOCK, end + _BLOCK > most
         W = np.asarray(solver.solve(np.ascontiguousarray(Q[:, begin:end])))
-        near = slice(max(0, begin - _BLOCK), end)  # K is symmetric: nothing else is left but rounding
+        # K is symmetric: of the other blocks only rounding is left.
+        near = slice(max(0, begin - _BLOCK), end)
         H[near, begin:end] = Q[:, near].T @ W
         H[begin:end, near] = H[near, begin:end].T
         W -= Q[:, near] @ H[near, begin:end]
@@ -138,20 +146,21 @@ def _orthonormal(block: FloatArray) -> tuple[FloatArray, FloatArray]:
 
 
 def _rayleigh_ritz(A: SparseMatrix, vectors: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return the best eigenvalues and orthonormal eigenvectors within the span of some vectors."""
-    within = vectors.T @ (A @ vectors)
+    """Return the Ritz values and orthonormal Ritz vectors of A in the span of some vectors."""
+    within = vectors.T @ np.asarray(A @ vectors)
     evals, mixing = scipy.linalg.eigh((within + within.T) / 2, vectors.T @ vectors)
     return np.asarray(evals), np.asarray(vectors @ mixing)
 
 
 def fix_signs(evecs: FloatArray, mass: FloatArray) -> FloatArray:
-    """Flip functions so that the integral of their cube is positive, which no renumbering of vertices changes.
+    """Flip functions so that the integral of their cube is positive.
 
-    Where that integral is nil to rounding (antisymmetric functions), the entry of largest magnitude is made positive;
-    of entries that are as large but for rounding, as mirrored ones are, the first.
+    No renumbering of vertices changes that. Where the integral is nil to rounding (antisymmetric
+    functions), the entry of largest magnitude is made positive; of entries that are equal up to
+    rounding, as mirrored ones are, the first.
     """
     cubes = evecs * evecs * evecs
-    skewness, size = mass @ cubes, mass @ np.abs(cubes)
+    skewness, magnitude = mass @ cubes, mass @ np.abs(cubes)
     largest = np.array([column[first_of_largest(np.abs(column), ROUNDING)] for column in evecs.T])
-    deciding = np.where(np.abs(skewness) > _NIL_SKEWNESS * size, skewness, largest)
+    deciding = np.where(np.abs(skewness) > _NIL_SKEWNESS * magnitude, skewness, largest)
     return np.asarray(np.where(deciding < 0, -evecs, evecs))

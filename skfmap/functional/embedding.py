@@ -1,4 +1,4 @@
-"""Where points lie among the stable functions: what nearest neighbours are taken in."""
+"""The embedding in which points are matched to their nearest neighbours."""
 
 import numpy as np
 
@@ -12,9 +12,9 @@ def spectral_embeddings(
 ) -> tuple[FloatArray, FloatArray]:
     """Return the points of S_i and of S_0 in the space of the given functions.
 
-    A function f on S_0 is known on S_i as C f, and (C f)(x) = f(T x): a point x of S_i and its image T x have the same
-    values. So the point map T, from S_i to S_0, takes each row of the first array to the nearest row of the second.
-    This holds for any C and needs no mass matrix.
+    A function f on S_0 is known on S_i as C f, and (C f)(x) = f(T x): a point x of S_i and its
+    image T x have the same values. So the point map T, from S_i to S_0, takes each row of the first
+    array to the nearest row of the second. This holds for any C and needs no mass matrix.
 
     Parameters
     ----------

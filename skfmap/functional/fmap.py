@@ -37,9 +37,11 @@ class MapEquation:
         return C
 
     def objective(self, C: FloatArray, probes_i: FloatArray) -> float:
-        """Return the value of equation (2) at ``C``: at X_i(D), how badly the shape fits what was learned."""
+        """Return equation (2) at ``C``; at X_i(D), how badly the shape fits what was learned."""
         residual = (C @ self.probes_0 - probes_i) * self.weights
-        return float(np.square(residual).sum() + (self.penalty[1:, 1:] * np.square(C[1:, 1:])).sum())
+        return float(
+            np.square(residual).sum() + (self.penalty[1:, 1:] * np.square(C[1:, 1:])).sum()
+        )
 
 
 def solve_functional_map(
@@ -66,7 +68,8 @@ def solve_functional_map(
     Returns
     -------
     C : ndarray of shape (k, k)
-        Functional map: pulls functions on S_0 back to S_i. Column j is the image of eigenfunction j of S_0.
+        Functional map: pulls functions on S_0 back to S_i. Column j is the image of eigenfunction j
+        of S_0.
 
     Examples
     --------

@@ -43,22 +43,25 @@ class GroundTruth:
     C : ndarray of shape (k, k)
         Pulls functions on S_0 back to S_i.
     n_observed : int
-        How many of the k functions the pairs determine, on S_i or on S_0, whichever is less; k for a full
-        correspondence.
+        How many of the k functions the pairs determine, on S_i or on S_0, whichever is less; k for
+        a full correspondence.
     """
 
     C: FloatArray
     n_observed: int
 
 
-def map_from_pairs(evecs_i: FloatArray, evecs_0: FloatArray, areas: FloatArray, mask: FloatArray) -> GroundTruth:
+def map_from_pairs(
+    evecs_i: FloatArray, evecs_0: FloatArray, areas: FloatArray, mask: FloatArray
+) -> GroundTruth:
     r"""Fit C to pairs of points by mass-weighted least squares.
 
     .. math:: \min_C \sum_q a_q \|\Phi_i(x_q)\, C - \Phi_0(T x_q)\|^2
 
-    Where pairs are few (below eight per function) or leave functions on S_i undetermined (a partial correspondence), a
-    pull towards maps that commute with the Laplacian helps. Its strength is the one that best predicts pairs left out
-    one at a time; ``n_observed`` tells what the pairs alone determine.
+    Where pairs are few (below eight per function) or leave functions on S_i undetermined (a partial
+    correspondence), a pull towards maps that commute with the Laplacian helps. Its strength is the
+    one that best predicts pairs left out one at a time; ``n_observed`` tells what the pairs alone
+    determine.
 
     Parameters
     ----------
@@ -81,20 +84,30 @@ def map_from_pairs(evecs_i: FloatArray, evecs_0: FloatArray, areas: FloatArray, 
         return GroundTruth(np.asarray(np.linalg.solve(gram, rhs)), n_observed)
     penalties = mask**2 + _PRIOR_FLOOR
     strengths = (0.0, *_STRENGTHS) if n_observed == len(gram) else _STRENGTHS
-    trials = [_with_prior(evecs_i, evecs_0, areas, gram, rhs, strength * penalties) for strength in strengths]
+    trials = [
+        _with_prior(evecs_i, evecs_0, areas, gram, rhs, strength * penalties)
+        for strength in strengths
+    ]
     return GroundTruth(trials[int(np.argmin([error for _, error in trials]))][0], n_observed)
 
 
 def _with_prior(
-    evecs_i: FloatArray, evecs_0: FloatArray, areas: FloatArray, gram: FloatArray, rhs: FloatArray, penalty: FloatArray
+    evecs_i: FloatArray,
+    evecs_0: FloatArray,
+    areas: FloatArray,
+    gram: FloatArray,
+    rhs: FloatArray,
+    penalty: FloatArray,
 ) -> tuple[FloatArray, float]:
-    """Return the map under a prior, and its mean squared error at pairs that are left out one at a time."""
+    """Return the map under a prior, and its squared error at pairs left out one at a time."""
     C, error = np.empty_like(gram), 0.0
     for column, diagonal in enumerate(penalty.T):
         inverse = np.linalg.inv(gram + np.diag(diagonal))
         C[:, column] = inverse @ rhs[:, column]
         leverage = areas * np.einsum("qi,ij,qj->q", evecs_i, inverse, evecs_i, optimize=True)
-        residuals = (evecs_i @ C[:, column] - evecs_0[:, column]) / (1 - np.minimum(leverage, _MOST_LEVERAGE))
+        residuals = (evecs_i @ C[:, column] - evecs_0[:, column]) / (
+            1 - np.minimum(leverage, _MOST_LEVERAGE)
+        )
         error += float(areas @ residuals**2)
     return C, error
 
@@ -104,7 +117,7 @@ def _rank(gram: FloatArray, threshold: float) -> int:
 
 
 def _target_gram(evecs_i: FloatArray, evecs_0: FloatArray, areas: FloatArray) -> FloatArray:
-    """Return the Gram matrix of the functions on S_0 as the points of S_i see them, averaged over a point's pairs."""
+    """Return the Gram matrix of functions on S_0, averaged over the pairs of each point of S_i."""
     _, inverse = np.unique(evecs_i, axis=0, return_inverse=True)
     area = np.bincount(inverse.ravel(), areas)
     sums = np.stack([np.bincount(inverse.ravel(), areas * column) for column in evecs_0.T], axis=1)

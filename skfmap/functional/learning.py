@@ -1,4 +1,4 @@
-"""The paper's pipeline (figure 2, top) on arrays: from probe functions and known maps to weights and stable basis."""
+"""The paper's pipeline (figure 2, top) on arrays: from known maps to weights and stable basis."""
 
 from collections.abc import Callable, Hashable, Sequence
 from dataclasses import dataclass
@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from skfmap._tools.types import FloatArray
-from skfmap._tools.validation import check_choice, check_number
+from skfmap._tools.validation import check_choice, check_number, check_sample_weight
 from skfmap.functional.norm import epsilon_by_rule
 from skfmap.functional.normalization import scale_by
 from skfmap.functional.objective import LearningProblem
@@ -24,8 +24,8 @@ from skfmap.functional.weighting import check_weighting, coarse_groups, weight_g
 
 __all__ = ["LearnedMaps", "learn_functional_maps"]
 
-# Maps that the probes reproduce exactly would make the automatic norm degenerate: what is left of
-# their differences is rounding. TOSCA's cats have an epsilon of 0.28.
+# Maps that the probes reproduce exactly leave differences that are rounding, and an automatic norm
+# of them would be degenerate. TOSCA's cats have an epsilon of 0.28.
 _LEAST_EPSILON = 1e-12
 
 
@@ -90,10 +90,11 @@ def learn_functional_maps(
     evals_0, evals : ndarray of shape (k,), ndarray of shape (N, k)
         Laplacian eigenvalues at unit area.
     maps : ndarray of shape (N, k, k)
-        Known functional maps C_i, from functions on S_0 to functions on S_i. The first column is taken to be e_0:
-        constants map to constants.
+        Known functional maps C_i, from functions on S_0 to functions on S_i. The first column is
+        taken to be e_0: constants map to constants.
     weighting : {"function", "category", "unique"}, sequence of labels or None
-        Which probes share a weight: those of one label, if there is a label for each. None keeps D = I.
+        Which probes share a weight: those of one label, if there is a label for each. None keeps D
+        = I.
     categories : sequence of str, optional
         Category of each probe; needed for ``weighting="category"``.
     epsilon : float or "auto"
@@ -101,7 +102,8 @@ def learn_functional_maps(
     alpha : float
         Strength of the regulariser.
     regularizer : "laplacian", "resolvent", "learned" or callable
-        Deformation model, ``(evals_i, evals_0) -> W`` of shape (k, k). "learned" takes it from ``maps``.
+        Deformation model, ``(evals_i, evals_0) -> W`` of shape (k, k). "learned" takes it from
+        ``maps``.
     normalize : {"shape", "reference"}
         Whose norms scale the probe columns.
     sample_weight : ndarray of shape (N,), optional
@@ -109,11 +111,11 @@ def learn_functional_maps(
     max_iter, tol : int, float
         Of the optimiser.
     n_threads : int
-        Groups of shapes at a time; the result is the same for every number. BLAS should then keep to one thread
-        (threadpoolctl).
+        Groups of shapes at a time; the result is the same for every number. BLAS should then keep
+        to one thread (threadpoolctl).
     callback : callable, optional
-        Called after each iteration with its number, the loss, and a function that returns the LearnedMaps so far; stops
-        the search if it returns True.
+        Called after each iteration with its number, the loss, and a function that returns the
+        LearnedMaps so far; stops the search if it returns True.
 
     Returns
     -------
@@ -132,16 +134,18 @@ def learn_functional_maps(
     >>> rng = np.random.default_rng(0)
     >>> probes_0, evals = rng.standard_normal((6, 16)), np.arange(6.0)
     >>> noisy = probes_0 + np.where(np.arange(16) < 8, 0.01, 3) * rng.standard_normal((5, 6, 16))
+    >>> maps = np.tile(np.eye(6), (5, 1, 1))
     >>> learned = learn_functional_maps(
-    ...     probes_0, noisy, evals, np.tile(evals, (5, 1)), np.tile(np.eye(6), (5, 1, 1)), alpha=0.1)
+    ...     probes_0, noisy, evals, np.tile(evals, (5, 1)), maps, alpha=0.1
+    ... )
     >>> bool(learned.weights[:8].min() > learned.weights[8:].max())
     True
     """
     _check_arrays(probes_0, probes, evals_0, evals, maps)
-    share = np.ones(len(maps)) if sample_weight is None else np.asarray(sample_weight, dtype=np.float64)
+    share = check_sample_weight(sample_weight, len(maps))
     labels = ["probe"] * probes_0.shape[1] if categories is None else categories
     _check_choices(weighting, categories, labels, probes_0.shape[1])
-    _check_numbers(epsilon, alpha, regularizer, normalize, share, len(maps))
+    _check_numbers(epsilon, alpha, regularizer, normalize)
     if regularizer == LEARNED:
         regularizer = learned_mask(maps, share)
     problem = LearningProblem(
@@ -154,23 +158,25 @@ def learn_functional_maps(
         n_threads=n_threads,
     )
     start = problem.differences(np.ones(probes_0.shape[1]))
-    size = _as_number(epsilon, start[share > 0])
+    used_epsilon = _as_number(epsilon, start[share > 0])
     groups = weight_groups(weighting, labels)
 
     def tell_callback(iteration: int, loss: float, weights: FloatArray) -> bool | None:
         so_far = Optimum(weights, [loss], iteration, iteration, np.nan, False, False, "under way")
-        return callback is not None and callback(iteration, loss, lambda: _conclude(problem, so_far, size, regularizer))
+        return callback is not None and callback(
+            iteration, loss, lambda: _conclude(problem, so_far, used_epsilon, regularizer)
+        )
 
     optimum = optimize_weights(
         problem,
         groups,
-        size,
+        used_epsilon,
         coarse=coarse_groups(groups, labels),
         max_iter=max_iter,
         tol=tol,
         callback=tell_callback,
     )
-    return _conclude(problem, optimum, size, regularizer)
+    return _conclude(problem, optimum, used_epsilon, regularizer)
 
 
 def _as_number(epsilon: float | str, differences: FloatArray) -> float:
@@ -191,7 +197,11 @@ def _conclude(
 
 
 def _check_arrays(
-    probes_0: FloatArray, probes: FloatArray, evals_0: FloatArray, evals: FloatArray, maps: FloatArray
+    probes_0: FloatArray,
+    probes: FloatArray,
+    evals_0: FloatArray,
+    evals: FloatArray,
+    maps: FloatArray,
 ) -> None:
     k, m = probes_0.shape
     n = len(maps)
@@ -201,16 +211,23 @@ def _check_arrays(
         if np.shape(given[name]) != shape:
             raise ValueError(
                 f"{name} must have shape {shape} to fit probes_0 {probes_0.shape} and {n} maps; "
-                f"got {np.shape(given[name])}. Shapes of unequal k must be truncated to a common k first."
+                f"got {np.shape(given[name])}. Shapes of unequal k must be truncated to a common "
+                "k first."
             )
         if not np.isfinite(given[name]).all():
             raise ValueError(f"{name} holds NaN or infinite values.")
     if n == 0:
-        raise ValueError("There are no maps to learn from; give at least one training shape beside the reference.")
+        raise ValueError(
+            "There are no maps to learn from; give at least one training shape beside the "
+            "reference."
+        )
 
 
 def _check_choices(
-    weighting: str | Sequence[Hashable] | None, categories: Sequence[str] | None, labels: Sequence[str], n_probes: int
+    weighting: str | Sequence[Hashable] | None,
+    categories: Sequence[str] | None,
+    labels: Sequence[str],
+    n_probes: int,
 ) -> None:
     check_weighting(weighting, n_probes)
     if isinstance(weighting, str) and weighting == "category" and categories is None:
@@ -220,12 +237,7 @@ def _check_choices(
 
 
 def _check_numbers(
-    epsilon: float | str,
-    alpha: float,
-    regularizer: str | Regularizer,
-    normalize: str,
-    share: FloatArray,
-    n_maps: int,
+    epsilon: float | str, alpha: float, regularizer: str | Regularizer, normalize: str
 ) -> None:
     if isinstance(epsilon, str):
         check_choice(epsilon, "epsilon", ("auto",))
@@ -235,5 +247,3 @@ def _check_numbers(
     check_choice(normalize, "normalize", ("shape", "reference"))
     if not callable(regularizer):
         check_choice(regularizer, "regularizer", (*REGULARIZERS, LEARNED))
-    if share.shape != (n_maps,) or not np.isfinite(share).all() or (share < 0).any() or not share.any():
-        raise ValueError(f"sample_weight must be {n_maps} finite, non-negative numbers, not all zero; got {share}.")

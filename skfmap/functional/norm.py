@@ -32,7 +32,7 @@ def rank_norm_and_gradient(A: FloatArray, epsilon: float) -> tuple[FloatArray, F
     A : ndarray of shape (n, rows, k)
         Differences of functional maps.
     epsilon : float
-        Squared size of a singular value that counts one half; positive.
+        Square of the singular value that counts one half; positive.
 
     Returns
     -------
@@ -48,10 +48,10 @@ def rank_norm_and_gradient(A: FloatArray, epsilon: float) -> tuple[FloatArray, F
 
 
 def epsilon_by_rule(differences: FloatArray) -> float:
-    """Return the epsilon with which 80 percent of all singular values satisfy sigma^2 / (sigma^2 + epsilon) <= 0.9.
+    """Return epsilon by the rule of section 3.2, from the maps at D = I.
 
-    Section 3.2. The singular values of all training shapes at D = I are pooled: epsilon is the 0.8 quantile of their
-    squares, divided by 9.
+    Of the singular values of all training shapes, 80 percent satisfy
+    sigma^2 / (sigma^2 + epsilon) <= 0.9: epsilon is the 0.8 quantile of sigma^2, divided by 9.
 
     Parameters
     ----------

@@ -21,8 +21,8 @@ def centre(probes: FloatArray) -> FloatArray:
 def scales_of(probes: FloatArray) -> FloatArray:
     """Return the factor that brings each column, once centred, to norm 1 / sqrt(n_probes).
 
-    It is 0 for a column that is constant to rounding. With this norm a regularisation strength means the same whatever
-    the number of probes.
+    It is 0 for a column that is constant to rounding. With this norm a regularisation strength
+    means the same whatever the number of probes.
     """
     norms = np.linalg.norm(probes[1:], axis=0)
     nil = norms <= _ROUNDING * np.linalg.norm(probes, axis=0)
@@ -37,8 +37,8 @@ def scale_by(probes_0: FloatArray, probes_i: FloatArray, normalize: str) -> Floa
     probes_0, probes_i : ndarray of shape (k, n_probes)
         Raw coefficients on the reference and on the shape.
     normalize : {"shape", "reference"}
-        Whether each shape's columns are scaled by their own norms (the paper) or by those of the reference, which
-        keeps differences of amplitude.
+        Whether each shape's columns are scaled by their own norms (the paper) or by those of the
+        reference, which keeps differences of amplitude.
 
     Returns
     -------

@@ -41,7 +41,8 @@ class LearningProblem:
 
     .. math:: E(D) = \sum_i s_i \|X_i(D) - C_i\|_\epsilon
 
-    Shapes are worked on in chunks, several at a time if there are threads; what comes out does not depend on how many.
+    Shapes are worked on in chunks, several at a time if there are threads; what comes out does not
+    depend on how many.
 
     Parameters
     ----------
@@ -56,8 +57,8 @@ class LearningProblem:
     sample_weight : ndarray of shape (N,)
         Share of each shape in the sum.
     quadratic : PenaltyQuadratic, optional
-        The same penalties as `skfmap.functional.regularization.penalty_quadratic` gives them, which makes many shapes
-        much faster.
+        The same penalties as `skfmap.functional.regularization.penalty_quadratic` gives them, which
+        makes many shapes much faster.
     n_threads : int, default=1
         Chunks at a time; hold BLAS down to one thread beside it.
     """
@@ -84,18 +85,21 @@ class LearningProblem:
         return X
 
     def differences(self, weights: FloatArray) -> FloatArray:
-        """Return X_i(D) - C_i without the column of the constant, which is nil; shape (N, k, k - 1)."""
+        """Return X_i(D) - C_i without the nil column of the constant, shape (N, k, k - 1)."""
         return (self.solve(weights) - self.maps)[:, :, 1:]
 
     def loss(self, weights: FloatArray, epsilon: float) -> float:
         """Return E(D)."""
-        return float(self.sample_weight @ rank_norm_and_gradient(self.differences(weights), epsilon)[0])
+        return float(
+            self.sample_weight @ rank_norm_and_gradient(self.differences(weights), epsilon)[0]
+        )
 
     def loss_gradient(self, weights: FloatArray, epsilon: float) -> tuple[float, FloatArray]:
         """Return E(D) and its gradient with respect to the squared weights, shape (m,).
 
-        With R the gradient of (4) in X, and row r of L the solution of row system r for row r of R, the derivative
-        with respect to the square of weight p is sum_r (L G_0)_rp (G_i - X_i G_0)_rp.
+        With R the gradient of (4) in X, and row r of L the solution of row system r for row r of R,
+        the derivative with respect to the square of weight p is sum_r (L G_0)_rp (G_i - X_i
+        G_0)_rp.
         """
         g_0 = self.probes_0[1:]
         weighted = g_0 * weights**2
@@ -115,7 +119,7 @@ class LearningProblem:
         return float(np.sum(losses)), np.sum(gradients, axis=0)
 
     def _systems(self, weighted: FloatArray) -> Callable[[slice], Solver]:
-        """Return what solves the row systems of a chunk, for the maps and again for their adjoints."""
+        """Return what solves the row systems of a chunk, for maps and for their adjoints."""
         gram, penalties = weighted @ self.probes_0[1:].T, self.penalties[:, 1:, 1:]
         n_shapes, n, _ = penalties.shape
         if self.quadratic is not None and n_shapes * n**2 >= _MANY:
@@ -141,8 +145,12 @@ class LearningProblem:
             return list(threads.map(function, chunks))
 
 
-def _by_quadratic(gram: FloatArray, penalties: FloatArray, quadratic: PenaltyQuadratic) -> Callable[[slice], Solver]:
-    within = quadratic._replace(t=quadratic.t[:, 1:], a=quadratic.a[1:], b=quadratic.b[1:], c=quadratic.c[1:])
+def _by_quadratic(
+    gram: FloatArray, penalties: FloatArray, quadratic: PenaltyQuadratic
+) -> Callable[[slice], Solver]:
+    within = quadratic._replace(
+        t=quadratic.t[:, 1:], a=quadratic.a[1:], b=quadratic.b[1:], c=quadratic.c[1:]
+    )
     systems, n = QuadraticSystems(gram, within), len(gram)
 
     def of_chunk(chunk: slice) -> Solver:

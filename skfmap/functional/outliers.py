@@ -28,7 +28,7 @@ _ROUNDING = 1e-9
 
 
 def wrong_pairs(evecs_i: FloatArray, evecs_0: FloatArray, areas: FloatArray) -> BoolArray:
-    """Tell which pairs lie far from where a smooth functional map, fitted to the others, puts them.
+    """Return which pairs lie far from where a smooth map that is fitted to the others puts them.
 
     Parameters
     ----------
@@ -50,7 +50,8 @@ def wrong_pairs(evecs_i: FloatArray, evecs_0: FloatArray, areas: FloatArray) -> 
     >>> evecs = np.stack([np.ones(100), x, x**2], axis=1)
     >>> images = evecs.copy()
     >>> images[7] = evecs[90]
-    >>> np.flatnonzero(wrong_pairs(evecs, images + 0.01 * np.sin(50 * evecs), np.ones(100))).tolist()
+    >>> images += 0.01 * np.sin(50 * evecs)
+    >>> np.flatnonzero(wrong_pairs(evecs, images, np.ones(100))).tolist()
     [7]
     """
     k = min(_N_FUNCTIONS, evecs_i.shape[1], len(evecs_i) // _PAIRS_PER_FUNCTION)

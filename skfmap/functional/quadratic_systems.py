@@ -4,8 +4,9 @@ With the commutator of the Laplacians or of their resolvents, the system of row 
 
 .. math:: s\,A(t) = t^2 M_2 - 2 t M_1 + M_0, \qquad s = 1 + \gamma t^2,
 
-where :math:`t` and :math:`s` are numbers that belong to the row, and the symmetric matrices belong to the reference and
-the weights. One eigen-decomposition of twice the size then solves them all: matrix products do the rest.
+where :math:`t` and :math:`s` are numbers that belong to the row, and the symmetric matrices belong
+to the reference and the weights. One eigen-decomposition of twice the size then solves them all:
+matrix products do the rest.
 """
 
 import numpy as np
@@ -21,6 +22,7 @@ __all__ = ["QuadraticSystems"]
 # last place. The decomposition alone reaches 7e-16 with weights from exp(-1/2) to exp(1/2), and
 # 1e-13 with weights between the bounds exp(-7) and exp(7), where one correction leaves 4e-17.
 _BACKWARD_ERROR = 1e-15
+# Corrections that are tried: one is needed at the bounds, a second is in reserve.
 _MOST_CORRECTIONS = 3
 # What is worse than this after corrections, ten times what weights at the bounds leave before
 # them, is solved again by factorisations.
@@ -33,12 +35,14 @@ class QuadraticSystems:
     r"""The row systems of equation (2) for all shapes, diagonalised once.
 
     In functions Q that diagonalise :math:`M_2` and :math:`M_1` together, :math:`Q^T M_2 Q = I` and
-    :math:`Q^T M_1 Q = H`, the polynomial is :math:`(t - H)^2 + S`, and its inverse is a block of that of
+    :math:`Q^T M_1 Q = H`, the polynomial is :math:`(t - H)^2 + S`, and its inverse is a block of
+    that of
 
     .. math:: \begin{pmatrix} t - H & -d \\ S / d & t - H \end{pmatrix},
 
-    whose eigenvalues are conjugate pairs: A(t) is positive definite for real t. Rounding is mended by one or two
-    corrections with the residual; should they not do, the rows are factorised one by one.
+    whose eigenvalues are conjugate pairs: A(t) is positive definite for real t. Rounding is mended
+    by one or two corrections with the residual; should they not do, the rows are factorised one by
+    one.
 
     Parameters
     ----------
@@ -61,7 +65,9 @@ class QuadraticSystems:
         d = np.sqrt(np.maximum(np.diag(S), _LEAST_SCALING * np.abs(S).max()))
         linear = np.block([[np.diag(H), np.diag(d)], [-S / d[:, None], np.diag(H)]])
         if not np.isfinite(linear).all():
-            raise np.linalg.LinAlgError("The row systems are not finite; look for extreme probe coefficients.")
+            raise np.linalg.LinAlgError(
+                "The row systems are not finite; look for extreme probe coefficients."
+            )
         values, vectors = np.linalg.eig(linear)
         upper = np.flatnonzero(values.imag > 0)
         if len(upper) != len(H):
@@ -73,7 +79,9 @@ class QuadraticSystems:
         self._into = np.hstack([into.real.T, into.imag.T])
         self._out = 2 * np.vstack([out.real.T, -out.imag.T])
 
-    def solve(self, rhs: FloatArray, penalty: FloatArray, t: FloatArray, s: FloatArray) -> FloatArray:
+    def solve(
+        self, rhs: FloatArray, penalty: FloatArray, t: FloatArray, s: FloatArray
+    ) -> FloatArray:
         """Return the solutions of rows of any shapes.
 
         Parameters
@@ -95,6 +103,7 @@ class QuadraticSystems:
         for _ in range(_MOST_CORRECTIONS):
             residual = rhs - (x @ self.gram + penalty * x)
             before, error = error, self._backward_error(residual, rhs, penalty, x)
+            # A correction that does not halve the error is at the limit of rounding.
             if error <= _BACKWARD_ERROR or error > before / 2:
                 break
             x = x + self._apply(residual, real, imaginary, s)
@@ -102,7 +111,9 @@ class QuadraticSystems:
             return RowSystems(self.gram, penalty).solve(rhs)
         return x
 
-    def _apply(self, rhs: FloatArray, real: FloatArray, imaginary: FloatArray, s: FloatArray) -> FloatArray:
+    def _apply(
+        self, rhs: FloatArray, real: FloatArray, imaginary: FloatArray, s: FloatArray
+    ) -> FloatArray:
         """Return the solutions to the accuracy of the decomposition."""
         n = len(self.gram)
         both = rhs @ self._into
@@ -114,13 +125,17 @@ class QuadraticSystems:
         x *= s[:, None]
         return np.asarray(x)
 
-    def _backward_error(self, residual: FloatArray, rhs: FloatArray, penalty: FloatArray, x: FloatArray) -> float:
-        size = (self._norm + penalty.max(axis=1)) * np.abs(x).max(axis=1) + np.abs(rhs).max(axis=1)
-        size = np.maximum(size, np.finfo(np.float64).tiny)  # a system of zeros has no residual
-        return float((np.abs(residual).max(axis=1) / size).max())
+    def _backward_error(
+        self, residual: FloatArray, rhs: FloatArray, penalty: FloatArray, x: FloatArray
+    ) -> float:
+        scale = (self._norm + penalty.max(axis=1)) * np.abs(x).max(axis=1) + np.abs(rhs).max(axis=1)
+        scale = np.maximum(scale, np.finfo(np.float64).tiny)  # a system of zeros has no residual
+        return float((np.abs(residual).max(axis=1) / scale).max())
 
 
-def _diagonalise_together(M_2: FloatArray, quadratic: PenaltyQuadratic) -> tuple[FloatArray, FloatArray]:
+def _diagonalise_together(
+    M_2: FloatArray, quadratic: PenaltyQuadratic
+) -> tuple[FloatArray, FloatArray]:
     """Return H and Q with Q^T M_2 Q = I and Q^T diag(b) Q = diag(H)."""
     if quadratic.growth == 0:
         return quadratic.b / quadratic.a, np.diag(1 / np.sqrt(quadratic.a))

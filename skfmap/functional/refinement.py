@@ -19,8 +19,9 @@ def map_from_point_maps(
 
     .. math:: \min_C \|\Phi_i C - \Phi_0(T)\|^2_{M_i} + \|\Phi_i(S)\, C - \Phi_0\|^2_{M_0}
 
-    With T alone this is the step of ZoomOut (Melzi et al. 2019). Both terms say where points lie in one and the same
-    embedding, Phi_i C against Phi_0, so that no transpose of C stands for its inverse.
+    With T alone this is the step of ZoomOut (Melzi et al. 2019). Both terms say where points lie in
+    one and the same embedding, Phi_i C against Phi_0, so that no transpose of C stands for its
+    inverse.
 
     Parameters
     ----------
@@ -56,6 +57,6 @@ def map_from_point_maps(
 
 
 def nearest_orthogonal(C: FloatArray) -> FloatArray:
-    """Return the orthogonal matrix nearest to C: the step of spectral ICP (Ovsjanikov et al. 2012)."""
+    """Return the orthogonal matrix nearest to C, as spectral ICP does (Ovsjanikov et al. 2012)."""
     U, _, Vt = np.linalg.svd(C)
     return np.asarray(U @ Vt)

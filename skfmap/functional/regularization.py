@@ -55,9 +55,10 @@ def laplacian_mask(evals_i: FloatArray, evals_0: FloatArray) -> FloatArray:
 
 
 def resolvent_mask(evals_i: FloatArray, evals_0: FloatArray) -> FloatArray:
-    """Return W of the commutator with the resolvents (Ren et al. 2019, gamma = 1/2), shape (k_i, k_0).
+    """Return W of the commutator with the resolvents, shape (k_i, k_0).
 
-    Unlike the Laplacian's it stays bounded, and so leaves the upper functions freer.
+    Ren et al. 2019, with gamma = 1/2. Unlike the Laplacian's it stays bounded, and so leaves the
+    upper functions freer.
     """
     roots = [np.sqrt(np.maximum(evals, 0) / evals_0[-1]) for evals in (evals_i, evals_0)]
     real, imaginary = zip(*((x / (1 + x**2), 1 / (1 + x**2)) for x in roots), strict=True)
@@ -106,7 +107,7 @@ def learned_mask(maps: FloatArray, sample_weight: FloatArray | None = None) -> L
 
     Examples
     --------
-    Maps whose entries are all 0.3 in size; W * W is 1e-3 / (0.09 + 1e-4):
+    Maps whose entries are all 0.3; W * W is 1e-3 / (0.09 + 1e-4):
 
     >>> import numpy as np
     >>> from skfmap.functional import learned_mask
@@ -123,7 +124,9 @@ REGULARIZERS: dict[str, Regularizer] = {"laplacian": laplacian_mask, "resolvent"
 LEARNED = "learned"
 
 
-def penalty_of(evals_i: FloatArray, evals_0: FloatArray, alpha: float, regularizer: str | Regularizer) -> FloatArray:
+def penalty_of(
+    evals_i: FloatArray, evals_0: FloatArray, alpha: float, regularizer: str | Regularizer
+) -> FloatArray:
     """Return the diagonals of the row systems' regulariser, shape (k_i, k_0).
 
     That is alpha (W * W + floor), with `DIAGONAL_FLOOR`.
@@ -133,18 +136,22 @@ def penalty_of(evals_i: FloatArray, evals_0: FloatArray, alpha: float, regulariz
     ValueError
         If a callable regulariser returns another shape or values that are not finite.
     """
-    mask = np.asarray((REGULARIZERS[regularizer] if isinstance(regularizer, str) else regularizer)(evals_i, evals_0))
+    mask = np.asarray(
+        (REGULARIZERS[regularizer] if isinstance(regularizer, str) else regularizer)(
+            evals_i, evals_0
+        )
+    )
     real = mask.dtype.kind in "biuf"
     if mask.shape != (len(evals_i), len(evals_0)) or not real or not np.isfinite(mask).all():
         raise ValueError(
-            f"The regularizer must return finite real values of shape ({len(evals_i)}, {len(evals_0)}); got dtype "
-            f"{mask.dtype} and shape {mask.shape}."
+            f"The regularizer must return finite real values of shape ({len(evals_i)}, "
+            f"{len(evals_0)}); got dtype {mask.dtype} and shape {mask.shape}."
         )
     return np.asarray(alpha * (mask**2 + DIAGONAL_FLOOR))
 
 
 class PenaltyQuadratic(NamedTuple):
-    """Penalties of one regulariser as values of one quadratic: (1 + growth t^2) penalty = a t^2 - 2 b t + c.
+    """Penalties as values of a quadratic: (1 + growth t^2) penalty = a t^2 - 2 b t + c.
 
     Attributes
     ----------
@@ -166,10 +173,11 @@ class PenaltyQuadratic(NamedTuple):
 def penalty_quadratic(
     evals: FloatArray, evals_0: FloatArray, alpha: float, regularizer: str | Regularizer
 ) -> PenaltyQuadratic | None:
-    """Return the penalties of all shapes in the form that lets one decomposition solve all row systems.
+    """Return all penalties in the form that lets one decomposition solve all row systems.
 
     For the Laplacian, W = t - y with t and y eigenvalues over the last of S_0. For the resolvents,
-    W^2 = (t - y)^2 / ((1 + t^2) (1 + y^2)) with t and y the roots of those. None for any other regulariser.
+    W^2 = (t - y)^2 / ((1 + t^2) (1 + y^2)) with t and y the roots of those. None for any other
+    regulariser.
 
     Parameters
     ----------

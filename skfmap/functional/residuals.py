@@ -1,8 +1,9 @@
-"""What is left at the points: where known and fitted maps put a point, and how far to trust each function for it.
+"""How far points land from where they belong, and how far to trust each function for that.
 
-A functional map puts a point x of S_i at the row of Phi_i C, while its image T x sits at the row of Phi_0. How the two
-differ on the training shapes is what a nearest-neighbour search on a new shape has to forgive: some functions are
-mapped worse than others (section 4.1 of the paper), and a map cut to k functions moves every point a little.
+A functional map puts a point x of S_i at the row of Phi_i C, while its image T x sits at the row of
+Phi_0. How the two differ on the training shapes is what a nearest-neighbour search on a new shape
+has to forgive: some functions are mapped worse than others (section 4.1 of the paper), and a map
+cut to k functions moves every point a little.
 """
 
 import numpy as np
@@ -25,14 +26,19 @@ _UNSEEN = 1e-10
 
 
 def residual_covariance(
-    evecs_i: FloatArray, evecs_0: FloatArray, areas: FloatArray, C: FloatArray, leverage_of: FloatArray | None = None
+    evecs_i: FloatArray,
+    evecs_0: FloatArray,
+    areas: FloatArray,
+    C: FloatArray,
+    leverage_of: FloatArray | None = None,
 ) -> FloatArray:
     r"""Return the mean squared difference between where a map puts points and where they belong.
 
-    .. math:: \Sigma = \sum_q a_q\, r_q r_q^T / \sum_q a_q, \qquad r_q = \Phi_i(x_q)\, C - \Phi_0(T x_q)
+    .. math:: \Sigma = \sum_q a_q\, r_q r_q^T / \sum_q a_q,
+              \qquad r_q = \Phi_i(x_q)\, C - \Phi_0(T x_q)
 
-    Its part within the first k functions of S_i is Y diag(s^2) Y^T of the stable basis; the rest is what the cut to k
-    functions costs.
+    Its part within the first k functions of S_i is Y diag(s^2) Y^T of the stable basis; the rest is
+    what the cut to k functions costs.
 
     Parameters
     ----------
@@ -43,8 +49,9 @@ def residual_covariance(
     C : ndarray of shape (k, k)
         Functional map, from functions on S_0 to functions on S_i.
     leverage_of : ndarray of shape (k, k), optional
-        If ``C`` was fitted to these very pairs by least squares, its Gram matrix. Each residual is then the one that
-        the pair would have if it had been left out, so that few pairs do not look better than many.
+        If ``C`` was fitted to these very pairs by least squares, its Gram matrix. Each residual is
+        then the one that the pair would have if it had been left out, so that few pairs do not look
+        better than many.
 
     Returns
     -------
@@ -61,7 +68,7 @@ def residual_covariance(
 
 
 def trusted_functions(covariance: FloatArray) -> FloatArray:
-    """Return functions on S_0 in which points are matched, each scaled by how far it can be trusted.
+    """Return the functions on S_0 in which points are matched, scaled by how far to trust each.
 
     The eigenvectors v of the covariance, each divided by its eigenvalue plus a floor, so that a
     difference between two points counts less where maps are known to err. A function without error

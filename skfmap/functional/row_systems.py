@@ -1,4 +1,4 @@
-r"""The row systems of equation (2), one factorisation for each; or one for all shapes where they share the penalty."""
+"""The row systems of equation (2), factorised one by one, or once for shapes that share them."""
 
 import numpy as np
 from scipy.linalg.lapack import dpotrf, dpotrs
@@ -39,13 +39,16 @@ class RowSystems:
             factor, info = dpotrf(system, overwrite_a=True, clean=False)
             if info != 0:
                 raise np.linalg.LinAlgError(
-                    "A row system is not positive definite; raise alpha, or drop probes of extreme weight."
+                    "A row system is not positive definite; raise alpha, or drop probes of "
+                    "extreme weight."
                 )
             self.factors.append(factor)
 
     def solve(self, rhs: FloatArray) -> FloatArray:
-        """Return the solution of each row's system for the same row of ``rhs``, shape (n_rows, k)."""
-        return np.stack([dpotrs(factor, row)[0] for factor, row in zip(self.factors, rhs, strict=True)])
+        """Return the solution of each row's system for that row of ``rhs``, shape (n_rows, k)."""
+        return np.stack(
+            [dpotrs(factor, row)[0] for factor, row in zip(self.factors, rhs, strict=True)]
+        )
 
 
 class SharedRowSystems:

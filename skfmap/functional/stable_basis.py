@@ -8,7 +8,9 @@ from skfmap._tools.types import FloatArray
 __all__ = ["basis_error", "stable_basis"]
 
 
-def stable_basis(differences: FloatArray, sample_weight: FloatArray | None = None) -> tuple[FloatArray, FloatArray]:
+def stable_basis(
+    differences: FloatArray, sample_weight: FloatArray | None = None
+) -> tuple[FloatArray, FloatArray]:
     """Return an orthonormal basis of functions on S_0 by decreasing stability.
 
     Right singular vectors of the stacked differences, the smallest singular value first.

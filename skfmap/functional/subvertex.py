@@ -1,4 +1,4 @@
-"""Matches between the vertices of S_0: the nearest point of a triangle, in any number of dimensions."""
+"""Matches between the vertices of S_0: the nearest point of a triangle, in any dimension."""
 
 import numpy as np
 
@@ -45,7 +45,9 @@ def nearest_on_triangles(points: FloatArray, corners: FloatArray) -> tuple[Float
     return np.stack(candidates)[best, rows], squared[best, rows]
 
 
-def _squared_distance(points: FloatArray, corners: FloatArray, barycentric: FloatArray) -> FloatArray:
+def _squared_distance(
+    points: FloatArray, corners: FloatArray, barycentric: FloatArray
+) -> FloatArray:
     return np.asarray(np.square(np.einsum("nc,ncd->nd", barycentric, corners) - points).sum(axis=1))
 
 
@@ -61,7 +63,7 @@ def _on_edge(points: FloatArray, corners: FloatArray, a: int, b: int) -> FloatAr
 
 
 def _inside(points: FloatArray, corners: FloatArray) -> FloatArray:
-    """Return the foot of the point on the triangle's plane; its first corner where that lies outside."""
+    """Return the foot of the point on the triangle's plane; the first corner if it lies outside."""
     u, v, w = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0], points - corners[:, 0]
     uu, uv, vv = (u * u).sum(axis=1), (u * v).sum(axis=1), (v * v).sum(axis=1)
     uw, vw = (u * w).sum(axis=1), (v * w).sum(axis=1)

@@ -11,14 +11,16 @@ __all__ = ["WEIGHTINGS", "check_weighting", "coarse_groups", "weight_groups"]
 WEIGHTINGS = (None, "unique", "category", "function")
 
 
-def weight_groups(weighting: str | Sequence[Hashable] | None, categories: Sequence[str]) -> IntArray:
+def weight_groups(
+    weighting: str | Sequence[Hashable] | None, categories: Sequence[str]
+) -> IntArray:
     """Return the number of the free weight that each probe uses, shape (n_probes,).
 
     Parameters
     ----------
     weighting : {"unique", "category", "function"}, sequence of labels or None
-        One weight for all, one per category, one per probe function, one for all probes of a label, or none to learn
-        (D = I).
+        One weight for all, one per category, one per probe function, one for all probes of a label,
+        or none to learn (D = I).
     categories : sequence of str
         Category of each probe.
 
@@ -48,7 +50,7 @@ def weight_groups(weighting: str | Sequence[Hashable] | None, categories: Sequen
 
 
 def coarse_groups(groups: IntArray, categories: Sequence[str]) -> IntArray | None:
-    """Return the groups of one weight per category, if they are fewer and each holds whole groups; else None.
+    """Return groups of one weight per category, or None if they do not join whole groups.
 
     Examples
     --------
@@ -67,9 +69,15 @@ def check_weighting(weighting: object, n_probes: int) -> None:
     if weighting is None or (isinstance(weighting, str) and weighting in WEIGHTINGS):
         return
     if isinstance(weighting, str) or not hasattr(weighting, "__len__"):
-        raise ValueError(f"weighting must be one of {WEIGHTINGS}, or one label for each probe; got {weighting!r}.")
+        raise ValueError(
+            f"weighting must be one of {WEIGHTINGS}, or one label for each probe; got "
+            f"{weighting!r}."
+        )
     if len(weighting) != n_probes:
-        raise ValueError(f"weighting must be a label for each of the {n_probes} probes; got {len(weighting)} labels.")
+        raise ValueError(
+            f"weighting must be a label for each of the {n_probes} probes; got {len(weighting)} "
+            "labels."
+        )
     labels: Sequence[object] = list(weighting)  # type: ignore[call-overload]
     strange = [item for item in labels if not isinstance(item, Hashable)]
     if strange:

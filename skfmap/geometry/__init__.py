@@ -1,4 +1,4 @@
-"""Kernels on vertices and faces; the only place that calls mesh libraries.
+"""Kernels on vertices and faces, the only code that calls mesh libraries.
 
 Kernels trust their input: estimators check it once before.
 """

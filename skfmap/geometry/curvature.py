@@ -13,9 +13,10 @@ __all__ = ["clip_by_area", "gaussian_curvature", "log_magnitude", "mean_curvatur
 def gaussian_curvature(vertices: FloatArray, faces: IntArray, mass: FloatArray) -> FloatArray:
     """Return the angle defect over the area of each vertex, shape (n_vertices,).
 
-    On the boundary, where there is none, and at faces without area, whose angles are unknown, it is that of the
-    neighbours: a face that is missing at the tip of a limb must not make it flat. By the theorem of Gauss and Bonnet
-    the integral over a sound closed surface is 2 pi times the Euler characteristic.
+    On the boundary, where there is none, and at faces without area, whose angles are unknown, it is
+    that of the neighbours: a face that is missing at the tip of a limb must not make it flat. By
+    the theorem of Gauss and Bonnet the integral over a sound closed surface is 2 pi times the Euler
+    characteristic.
     """
     flat = degenerate_faces(vertices, faces)
     defect = np.asarray(igl.gaussian_curvature(vertices, np.delete(faces, flat, axis=0)))
@@ -24,26 +25,30 @@ def gaussian_curvature(vertices: FloatArray, faces: IntArray, mass: FloatArray) 
     return _from_neighbours(defect / mass, unknown, faces)
 
 
-def mean_curvature(vertices: FloatArray, faces: IntArray, stiffness: SparseMatrix, mass: FloatArray) -> FloatArray:
+def mean_curvature(
+    vertices: FloatArray, faces: IntArray, stiffness: SparseMatrix, mass: FloatArray
+) -> FloatArray:
     """Return half the normal part of the Laplacian of the position, shape (n_vertices,).
 
-    On the boundary, where there is none, it is that of the neighbours. Positive where the surface is convex (1 / r on a
-    sphere of radius r), given faces wound outwards.
+    On the boundary, where there is none, it is that of the neighbours. Positive where the surface
+    is convex (1 / r on a sphere of radius r), given faces wound outwards.
     """
-    laplacian = (stiffness @ vertices) / mass[:, None]
+    laplacian = np.asarray(stiffness @ vertices) / mass[:, None]
     normals = vertex_normals(vertices, faces)
     curvature = np.asarray((laplacian * normals).sum(axis=1) / 2)
     return _from_neighbours(curvature, boundary_vertices(faces, len(vertices)), faces)
 
 
 def _from_neighbours(values: FloatArray, unknown: BoolArray, faces: IntArray) -> FloatArray:
-    """Return the values with each unknown one replaced by the mean of its known neighbours; 0 where there are none."""
+    """Return the values, an unknown one as the mean of its known neighbours, or 0 without any."""
     if not unknown.any():
         return values
     edges = edges_of(faces)
     ends = np.concatenate([edges, edges[:, ::-1]])
     ends = ends[unknown[ends[:, 0]] & ~unknown[ends[:, 1]]]
-    sums, counts = (np.bincount(ends[:, 0], w, len(values)) for w in (values[ends[:, 1]], np.ones(len(ends))))
+    sums, counts = (
+        np.bincount(ends[:, 0], w, len(values)) for w in (values[ends[:, 1]], np.ones(len(ends)))
+    )
     return np.where(unknown, sums / np.maximum(counts, 1), values)
 
 
@@ -60,5 +65,5 @@ def clip_by_area(values: FloatArray, mass: FloatArray, percentile: float) -> Flo
 
 
 def log_magnitude(values: FloatArray, floor: float) -> FloatArray:
-    """Return log(max(abs(values), floor)): weight on flat areas, finite where the curvature is nil."""
+    """Return log(max(abs(values), floor)), which is finite where the curvature is nil."""
     return np.log(np.maximum(np.abs(values), floor))

@@ -4,7 +4,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from skfmap._tools.types import BoolArray, FloatArray, IntArray
-from skfmap._tools.validation import has_place
+from skfmap._tools.validation import is_finite
 
 __all__ = [
     "boundary_pieces",
@@ -43,21 +43,26 @@ def repeated_corners(faces: IntArray) -> IntArray:
 
 
 def sound_faces(vertices: FloatArray, faces: IntArray) -> BoolArray:
-    """Return which faces name three different vertices that exist and have a place."""
-    placed = np.append(has_place(vertices), False)  # the last for whatever does not exist
+    """Return which faces name three different vertices that exist and are finite."""
+    finite = np.append(is_finite(vertices), False)  # the last for whatever does not exist
     inside = (faces >= 0) & (faces < len(vertices))
-    sound = np.asarray(placed[np.where(inside, faces, -1)].all(axis=1))
+    sound = np.asarray(finite[np.where(inside, faces, -1)].all(axis=1))
     sound[repeated_corners(faces)] = False
     return sound
 
 
 def degenerate_faces(vertices: FloatArray, faces: IntArray) -> IntArray:
     """Return the faces whose area is nil to rounding, against the squared longest edge."""
+    area, longest = _area_and_longest(vertices, faces)
+    return np.flatnonzero(area <= _NO_AREA * longest)
+
+
+def _area_and_longest(vertices: FloatArray, faces: IntArray) -> tuple[FloatArray, FloatArray]:
+    """Return the area and the squared longest edge of each face."""
     corners = vertices[faces]
     edges = np.roll(corners, -1, axis=1) - corners
     area = np.linalg.norm(np.cross(edges[:, 0], edges[:, 1]), axis=1) / 2
-    longest = (edges**2).sum(axis=2).max(axis=1)
-    return np.flatnonzero(area <= _NO_AREA * longest)
+    return np.asarray(area), np.asarray((edges**2).sum(axis=2).max(axis=1))
 
 
 def nonmanifold_edges(faces: IntArray) -> IntArray:
@@ -68,9 +73,7 @@ def nonmanifold_edges(faces: IntArray) -> IntArray:
 
 def count_components(faces: IntArray, n_vertices: int) -> int:
     """Return the number of connected components, isolated vertices included."""
-    edges = _half_edges(faces).astype(np.int32)
-    links = sp.coo_array((np.ones(len(edges)), (edges[:, 0], edges[:, 1])), shape=(n_vertices, n_vertices))
-    return int(sp.csgraph.connected_components(links, directed=False)[0])
+    return len(np.unique(components(faces, n_vertices)))
 
 
 def is_wound_consistently(faces: IntArray) -> bool:
@@ -121,15 +124,12 @@ def slivers(vertices: FloatArray, faces: IntArray, ratio: float = 1e-3) -> IntAr
 
     By default their height is less than 0.002 of that edge; the thinnest of TOSCA's cats has 0.001.
     """
-    corners = vertices[faces]
-    edges = np.roll(corners, -1, axis=1) - corners
-    area = np.linalg.norm(np.cross(edges[:, 0], edges[:, 1]), axis=1) / 2
-    longest = (edges**2).sum(axis=2).max(axis=1)
+    area, longest = _area_and_longest(vertices, faces)
     return np.flatnonzero((area > _NO_AREA * longest) & (area < ratio * longest))
 
 
 def nonmanifold_vertices(faces: IntArray, n_vertices: int) -> IntArray:
-    """Return the vertices whose faces do not form one fan: two cones that touch in a point, for instance."""
+    """Return the vertices whose faces form more than one fan, as where two cones touch."""
     corner_of = faces.ravel()  # corner c belongs to face c // 3
     edges = np.sort(_half_edges(faces), axis=1)
     # Corners of neighbouring faces at the two ends of their common edge belong to one fan.
@@ -140,26 +140,33 @@ def nonmanifold_vertices(faces: IntArray, n_vertices: int) -> IntArray:
     order = np.lexsort((edges[:, 1], edges[:, 0]))
     same = (edges[order][1:] == edges[order][:-1]).all(axis=1)
     one, other = order[:-1][same], order[1:][same]
-    pairs = np.concatenate([np.stack([low[one], low[other]]), np.stack([high[one], high[other]])], axis=1)
+    pairs = np.concatenate(
+        [np.stack([low[one], low[other]]), np.stack([high[one], high[other]])], axis=1
+    )
     n = len(corner_of)
     _, fan = sp.csgraph.connected_components(
         sp.coo_array((np.ones(pairs.shape[1]), pairs), shape=(n, n)), directed=False
     )
-    n_fans = np.bincount(np.unique(np.stack([corner_of, fan], axis=1), axis=0)[:, 0], minlength=n_vertices)
+    n_fans = np.bincount(
+        np.unique(np.stack([corner_of, fan], axis=1), axis=0)[:, 0], minlength=n_vertices
+    )
     return np.flatnonzero(n_fans > 1)
 
 
 def components(faces: IntArray, n_vertices: int) -> IntArray:
-    """Return the number of the connected component of each vertex; isolated vertices are components of their own."""
+    """Return the component of each vertex as a number; isolated vertices have their own."""
     edges = _half_edges(faces).astype(np.int32)
-    links = sp.coo_array((np.ones(len(edges)), (edges[:, 0], edges[:, 1])), shape=(n_vertices, n_vertices))
+    links = sp.coo_array(
+        (np.ones(len(edges)), (edges[:, 0], edges[:, 1])), shape=(n_vertices, n_vertices)
+    )
     return np.asarray(sp.csgraph.connected_components(links, directed=False)[1], dtype=np.int64)
 
 
 def boundary_pieces(faces: IntArray) -> list[IntArray]:
     """Return the connected pieces of the boundary: holes, or the rim of an open surface.
 
-    Each is an array of shape (n_edges, 2) of the edges that only one face has, running as they do in that face.
+    Each is an array of shape (n_edges, 2) of the edges that only one face has, running as they do
+    in that face.
     """
     edges = _half_edges(faces)
     undirected, counts = _count_edges(np.sort(edges, axis=1))
@@ -169,5 +176,7 @@ def boundary_pieces(faces: IntArray) -> list[IntArray]:
     if len(rim) == 0:
         return []
     vertices, numbers = np.unique(rim, return_inverse=True)
-    piece = components(numbers.reshape(rim.shape)[:, [0, 1, 1]], len(vertices))[numbers.reshape(rim.shape)[:, 0]]
+    piece = components(numbers.reshape(rim.shape)[:, [0, 1, 1]], len(vertices))[
+        numbers.reshape(rim.shape)[:, 0]
+    ]
     return [rim[piece == number] for number in np.unique(piece)]

@@ -1,4 +1,4 @@
-"""Triangulation of implicit surfaces: thin wrappers of libigl's marching cubes and edge collapse."""
+"""Triangulation of implicit surfaces: libigl's marching cubes and edge collapse."""
 
 import igl
 import numpy as np
@@ -65,7 +65,9 @@ def decimate(vertices: FloatArray, faces: IntArray, n_vertices: int) -> tuple[Fl
     >>> import numpy as np
     >>> from skfmap.geometry.isosurface import decimate
     >>> vertices = np.array([[1, 0, 0], [0, 1, 0], [-1, 0, 0], [0, -1, 0], [0, 0, 1], [0, 0, -1.5]])
-    >>> faces = np.array([[0, 1, 4], [1, 2, 4], [2, 3, 4], [3, 0, 4], [1, 0, 5], [2, 1, 5], [3, 2, 5], [0, 3, 5]])
+    >>> upper = np.array([[0, 1, 4], [1, 2, 4], [2, 3, 4], [3, 0, 4]])
+    >>> lower = np.array([[1, 0, 5], [2, 1, 5], [3, 2, 5], [0, 3, 5]])
+    >>> faces = np.concatenate([upper, lower])
     >>> [len(array) for array in decimate(vertices, faces, 5)]
     [5, 6]
     """

@@ -46,9 +46,10 @@ def cotangent_laplacian(vertices: FloatArray, faces: IntArray) -> tuple[SparseMa
 
 
 def robust_mesh_laplacian(vertices: FloatArray, faces: IntArray) -> tuple[SparseMatrix, FloatArray]:
-    """Return the tufted intrinsic Delaunay Laplacian (Sharp and Crane 2020) and its lumped mass matrix.
+    """Return the tufted intrinsic Delaunay Laplacian and its lumped mass matrix.
 
-    For non-manifold and badly shaped meshes; same arguments and results as `cotangent_laplacian`.
+    Sharp and Crane 2020. For non-manifold and badly shaped meshes; same arguments and results as
+    `cotangent_laplacian`.
     """
     stiffness, mass = robust_laplacian.mesh_laplacian(vertices, faces)
     return sp.csc_array(stiffness), np.asarray(mass.diagonal())

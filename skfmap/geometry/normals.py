@@ -9,8 +9,10 @@ __all__ = ["vertex_normals"]
 
 
 def vertex_normals(vertices: FloatArray, faces: IntArray) -> FloatArray:
-    """Return unit normals at vertices, the means of those of their faces weighted by area, shape (n_vertices, 3).
+    """Return unit normals at vertices, shape (n_vertices, 3): means over faces, by area.
 
     Zero where faces have no area, or cancel each other.
     """
-    return np.nan_to_num(igl.per_vertex_normals(vertices, faces, igl.PER_VERTEX_NORMALS_WEIGHTING_TYPE_AREA))
+    return np.nan_to_num(
+        igl.per_vertex_normals(vertices, faces, igl.PER_VERTEX_NORMALS_WEIGHTING_TYPE_AREA)
+    )

@@ -8,14 +8,16 @@ from skfmap.geometry.faults import boundary_pieces, is_wound_consistently
 
 __all__ = ["orient_faces", "signed_volume"]
 
-# Below this share of area^(3/2) a signed volume says nothing about sides (a ball has 0.094, a TOSCA cat 0.04).
+# Below this share of area^(3/2) a signed volume says nothing about sides (a ball has 0.094, a TOSCA
+# cat 0.04).
 _FLAT = 1e-3
 
 
 def signed_volume(vertices: FloatArray, faces: IntArray) -> float:
-    """Return the volume that consistently wound faces enclose, positive if their normals point outwards.
+    """Return the volume that faces enclose, positive if their normals point outwards.
 
-    Holes are closed by a fan around the mean of their boundary, so that the answer does not depend on the origin.
+    Faces are wound consistently. Holes are closed by a fan around the mean of their boundary, so
+    that the answer does not depend on the origin.
 
     Examples
     --------

@@ -10,8 +10,9 @@ __all__ = ["integrated_oriented_products"]
 def integrated_oriented_products(f: FloatArray, g: FloatArray, faces: IntArray) -> FloatArray:
     """Integrate <grad f x grad g, n> against the hat function of each vertex.
 
-    On a triangle the integral of the product is det [f1 - f0, f2 - f0; g1 - g0, g2 - g0] / 2: no normal, no division,
-    and no length. A reflection of the surface changes its sign (the Poisson bracket of Ren et al. 2018).
+    On a triangle the integral of the product is det [f1 - f0, f2 - f0; g1 - g0, g2 - g0] / 2: no
+    normal, no division, and no length. A reflection of the surface changes its sign (the Poisson
+    bracket of Ren et al. 2018).
 
     Parameters
     ----------

@@ -15,7 +15,9 @@ _STEPS = 2
 _ROUNDING = 1e-9
 
 
-def mesh_saliency(curvature: FloatArray, stiffness: SparseMatrix, mass: FloatArray, scales: FloatArray) -> FloatArray:
+def mesh_saliency(
+    curvature: FloatArray, stiffness: SparseMatrix, mass: FloatArray, scales: FloatArray
+) -> FloatArray:
     """Return the difference of Gaussian-weighted curvature averages at scale sigma and 2 sigma.
 
     Parameters
@@ -37,24 +39,29 @@ def mesh_saliency(curvature: FloatArray, stiffness: SparseMatrix, mass: FloatArr
     return np.abs(narrow - wide)
 
 
-def gaussian_averages(values: FloatArray, stiffness: SparseMatrix, mass: FloatArray, scales: FloatArray) -> FloatArray:
-    """Return averages of a function under Gaussians of the given standard deviations, shape (n_vertices, n_scales).
+def gaussian_averages(
+    values: FloatArray, stiffness: SparseMatrix, mass: FloatArray, scales: FloatArray
+) -> FloatArray:
+    """Return averages of a function under Gaussians, shape (n_vertices, n_scales).
 
-    On a surface the Gaussian is the heat kernel at time sigma^2 / 2. All scales come from one factorisation: implicit
-    Euler steps of equal length (half the shortest time), interpolated linearly between steps. Constants stay constant,
-    and so does the integral.
+    ``scales`` are standard deviations. On a surface the Gaussian is the heat kernel at time sigma^2
+    / 2. All scales come from one factorisation: implicit Euler steps of equal length (half the
+    shortest time), interpolated linearly between steps. Constants stay constant, and so does the
+    integral.
     """
     times = np.asarray(scales, dtype=np.float64) ** 2 / 2
     step = times.min() / _STEPS
     n_steps = int(np.ceil(times.max() / step - _ROUNDING))
     system = sp.csc_array(sp.diags_array(mass) + step * stiffness)
-    solver = splu(system, permc_spec="COLAMD", diag_pivot_thresh=0.0, options={"SymmetricMode": True})
-    position = times / step
+    solver = splu(
+        system, permc_spec="COLAMD", diag_pivot_thresh=0.0, options={"SymmetricMode": True}
+    )
+    in_steps = times / step
     before, averages = values, np.empty((len(values), len(times)))
     for i in range(n_steps):
         after = solver.solve(mass * before)
         # A time between two steps is interpolated; the last one may coincide with the last step.
-        share = position - i
+        share = in_steps - i
         for j in np.flatnonzero((share >= 0) & ((share < 1) | (i == n_steps - 1))):
             averages[:, j] = (1 - share[j]) * before + share[j] * after
         before = after

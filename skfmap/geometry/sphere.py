@@ -9,9 +9,11 @@ __all__ = ["subdivided_octahedron"]
 
 
 def subdivided_octahedron(n_subdivisions: int) -> tuple[FloatArray, IntArray]:
-    """Return vertices and outward faces of a unit sphere; 4^(n + 1) + 2 vertices after n subdivisions."""
+    """Return the 4^(n + 1) + 2 vertices and the outward faces of a unit sphere."""
     vertices = np.concatenate([np.eye(3), -np.eye(3)])
-    faces = np.array([[0, 1, 2], [1, 3, 2], [3, 4, 2], [4, 0, 2], [1, 0, 5], [3, 1, 5], [4, 3, 5], [0, 4, 5]])
+    faces = np.array(
+        [[0, 1, 2], [1, 3, 2], [3, 4, 2], [4, 0, 2], [1, 0, 5], [3, 1, 5], [4, 3, 5], [0, 4, 5]]
+    )
     for _ in range(n_subdivisions):
         vertices, faces = igl.upsample(vertices, faces)
         vertices = vertices / np.linalg.norm(vertices, axis=1, keepdims=True)

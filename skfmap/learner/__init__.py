@@ -1,16 +1,20 @@
-"""The learner: an assembly of parts that each know one thing, and what any model that ends in it answers."""
+"""The learner: an assembly of parts that each know one thing.
+
+An assembly of parts that each know one thing, and what any model that ends in it answers.
+"""
 
 from skfmap.learner.bridged import BridgedLearner
 from skfmap.learner.confidence import Confidence, CrossFitConfidence, Trust
 from skfmap.learner.estimator import WeightedFunctionalMapLearner
 from skfmap.learner.matcher import Matcher
 from skfmap.learner.models import functional_maps, match
-from skfmap.learner.training_set import TrainingSet
+from skfmap.learner.training_set import LearningOptions, TrainingSet
 
 __all__ = [
     "BridgedLearner",
     "Confidence",
     "CrossFitConfidence",
+    "LearningOptions",
     "Matcher",
     "TrainingSet",
     "Trust",

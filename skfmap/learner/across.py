@@ -11,13 +11,17 @@ from skfmap.shapes import JoinedPairs, Mesh
 
 __all__ = ["Across", "cross_over", "extend_pairs"]
 
-# Landmarks between which correspondences are interpolated, and how many of them locate a vertex.
+# Landmarks between which correspondences are interpolated, and how many of them locate a vertex:
+# twice the three that a point of a surface needs. Neither was varied.
 _N_LANDMARKS = 500
 _N_NEAREST = 6
 
 
 class Across(NamedTuple):
-    """From the bridge to the reference: point map, its uncertainty and mean error, and the point map back."""
+    """From the bridge to the reference: point map, uncertainty, mean error, and the way back.
+
+    Point map, its uncertainty and mean error, and the point map back.
+    """
 
     p2p: IntArray
     uncertainty: FloatArray
@@ -28,7 +32,10 @@ class Across(NamedTuple):
 def cross_over(bridge: Mesh, reference: Mesh, join: JoinedPairs, memory: Any = None) -> Across:
     """Extend the known pairs of the bridge and the reference, both ways."""
     back = JoinedPairs(join.vertices_0, join.vertices_i, join.points, join.weights)
-    return Across(*extend_pairs(bridge, reference, join, memory), extend_pairs(reference, bridge, back, memory)[0])
+    return Across(
+        *extend_pairs(bridge, reference, join, memory),
+        extend_pairs(reference, bridge, back, memory)[0],
+    )
 
 
 def extend_pairs(
@@ -36,8 +43,9 @@ def extend_pairs(
 ) -> tuple[IntArray, FloatArray, float]:
     """Extend known pairs to all vertices, along the surfaces.
 
-    A vertex without a partner goes where the distances to the partners of the landmarks nearest to it are most like its
-    own distances to them. Nothing passes through space, so that fingers stay apart.
+    A vertex without a partner goes where the distances to the partners of the landmarks nearest to
+    it are most like its own distances to them. Nothing passes through space, so that fingers stay
+    apart.
 
     Parameters
     ----------
@@ -53,8 +61,8 @@ def extend_pairs(
     p2p : ndarray of int, shape (n_vertices_i,)
         Vertex of S_0 for each vertex of S_i.
     uncertainty : ndarray of shape (n_vertices_i,)
-        Root mean square disagreement of those distances, scaled to the error of landmarks that are located by others; 0
-        at known pairs. In units of sqrt(area).
+        Root mean square disagreement of those distances, scaled to the error of landmarks that are
+        located by others; 0 at known pairs. In units of sqrt(area).
     error : float
         Mean error of the extension, as landmarks that are located by others tell it.
     """
@@ -64,7 +72,10 @@ def extend_pairs(
     return p2p, uncertainty, error
 
 
-def _extend(what: tuple[Mesh, Mesh, IntArray, IntArray], content_hash: str) -> tuple[IntArray, FloatArray, float]:  # noqa: ARG001
+def _extend(
+    what: tuple[Mesh, Mesh, IntArray, IntArray],
+    content_hash: str,  # noqa: ARG001
+) -> tuple[IntArray, FloatArray, float]:
     mesh_i, mesh_0, vertices_i, vertices_0 = what
     known, first = np.unique(vertices_i, return_index=True)
     chosen, _ = farthest_vertices(mesh_i.vertices, mesh_i.faces, known, _N_LANDMARKS)
@@ -78,10 +89,15 @@ def _extend(what: tuple[Mesh, Mesh, IntArray, IntArray], content_hash: str) -> t
     return p2p, scale * doubt, error * float((doubt > 0).mean())
 
 
-def _left_out(distances_i: FloatArray, distances_0: FloatArray, chosen: IntArray) -> tuple[float, float]:
-    """Locate every other landmark by the rest, and return the mean error, and by how much it exceeds the doubt.
+def _left_out(
+    distances_i: FloatArray, distances_0: FloatArray, chosen: IntArray
+) -> tuple[float, float]:
+    """Locate every other landmark by the rest, and compare errors with doubts.
 
-    Landmarks are then sqrt(2) times as far apart, and errors are taken to grow as that distance does.
+    Return the mean error, and by how much it exceeds the doubt.
+
+    Landmarks are then sqrt(2) times as far apart, and errors are taken to grow as that distance
+    does.
     """
     even, odd = np.arange(0, len(chosen), 2), np.arange(1, len(chosen), 2)
     errors, doubts = [], []
@@ -97,7 +113,10 @@ def _left_out(distances_i: FloatArray, distances_0: FloatArray, chosen: IntArray
 
 
 def _locate(distances_i: FloatArray, distances_0: FloatArray) -> tuple[IntArray, FloatArray]:
-    """Return, for each column of the first, the column of the second that is most like it, and how unlike it is."""
+    """Return the most similar column of the second for each of the first, and how unlike it is.
+
+    How unlike it is.
+    """
     n_nearest = min(_N_NEAREST, len(distances_i))
     nearest = np.argpartition(distances_i, n_nearest - 1, axis=0)[:n_nearest].T
     p2p, doubt = np.empty(distances_i.shape[1], dtype=np.int64), np.zeros(distances_i.shape[1])

@@ -5,9 +5,9 @@ from dataclasses import replace
 from typing import NamedTuple, Self
 
 import numpy as np
-from sklearn.base import BaseEstimator
 
 from skfmap._tools.parallel import map_shapes
+from skfmap._tools.part import Part
 from skfmap._tools.types import FloatArray, IntArray
 from skfmap._tools.validation import check_number
 from skfmap.learner.error_model import ErrorModel, fit_error_model
@@ -24,7 +24,8 @@ __all__ = ["REFINED", "UNREFINED", "Confidence", "CrossFitConfidence", "Trust"]
 
 UNREFINED, REFINED = "unrefined", "refined"
 
-# The weights of a fold need not be polished: errors on the cats hardly change after so many iterations.
+# The weights of a fold need not be polished: closer searches match shapes left out no better
+# (docs/speed.rst).
 _MAX_ITER, _TOL = 60, 1e-3
 
 
@@ -37,12 +38,11 @@ class Trust(NamedTuple):
     familiar: bool
 
 
-class Confidence(BaseEstimator, ABC):
-    """A way to say how far matches can be trusted; derive from it to write your own."""
+class Confidence(Part, ABC):
+    """A way to say how far matches can be trusted; derive from it and implement `assess`.
 
-    @abstractmethod
-    def fit(self, training: TrainingSet, matcher: Matcher) -> Self:
-        """Learn from training shapes what matches look like where they are good, and where they are not."""
+    What it has to learn from the training shapes goes into `fit`.
+    """
 
     @abstractmethod
     def assess(
@@ -55,32 +55,62 @@ class Confidence(BaseEstimator, ABC):
         *,
         refined: bool,
     ) -> Trust:
-        """Return how far to trust a match; ``refined`` if the refinement is the one that was there in `fit`."""
+        """Return how far to trust a match.
 
-    @abstractmethod
-    def is_familiar(self, solution: Solution, misfit: float = np.nan) -> bool:
-        """Tell whether a shape is like the training shapes, by its solution of equation (2) and `Match.misfit`."""
+        Parameters
+        ----------
+        matcher : Matcher
+            What the match was made by.
+        shape : ProbedShape
+            S_i.
+        solution : Solution
+            Of equation (2).
+        before, after : PointMatch
+            The match, and what refinement made of it.
+        refined : bool
+            Whether that refinement is the one that the learner was fitted with.
+
+        Returns
+        -------
+        Trust
+            Expected errors and confidences at the vertices of S_i, and of the match as a whole.
+        """
+
+    def is_familiar(self, solution: Solution, misfit: float = np.nan) -> bool:  # noqa: ARG002
+        """Tell whether a shape is like the training shapes; True here.
+
+        By its solution of equation (2), and by `Match.misfit` where there is a match.
+        """
+        return True
+
+    def mean_error(self) -> float:
+        """Return the mean error of training shapes left out; NaN if that is not known."""
+        return float("nan")
 
 
 class CrossFitConfidence(Confidence):
-    """Relate what matches show of themselves to their errors, on shapes left out of the learning in turn.
+    """Relate what matches show of themselves to their errors on training shapes left out.
 
-    A single training shape cannot be left out: it is taken as it was learned, and errors are hopeful.
+    A single training shape cannot be left out: errors are then those on the shape that was learned
+    from, and optimistic.
 
     Parameters
     ----------
     cv : int, default=3
-        Number of folds; each learns once, so that a fit takes about 1 + cv times as long as with ``confidence=None``.
+        Number of folds; each learns once, so that a fit takes about 1 + cv times as long as with
+        ``confidence=None``.
 
     Attributes
     ----------
     error_models_ : dict of ErrorModel
-        What error to expect of ``"unrefined"`` matches, and of ``"refined"`` ones, as the learner's ``refine`` says.
+        What error to expect of ``"unrefined"`` matches, and of ``"refined"`` ones, as the learner's
+        ``refine`` says.
     misfits_ : ndarray of shape (n_shapes,)
-        What was left of equation (2) on each shape given to `fit`; NaN for the reference and shapes of no share.
+        What was left of equation (2) on each shape given to `fit`; NaN for the reference and shapes
+        of no share.
     training_errors_ : ndarray of shape (n_shapes,)
-        Mean error of the match of each of them, refined if the learner refines; NaN also where no known pair leads to
-        one of the vertices at which errors were observed.
+        Mean error of the match of each of them, refined if the learner refines; NaN also where no
+        known pair leads to one of the vertices at which errors were observed.
 
     Examples
     --------
@@ -94,8 +124,12 @@ class CrossFitConfidence(Confidence):
     def __init__(self, cv: int = 3) -> None:
         self.cv = cv
 
+    def check_parameters(self) -> None:
+        """Raise for parameters that cannot be used."""
+        check_number(self.cv, "cv", low=2, integer=True)
+
     def fit(self, training: TrainingSet, matcher: Matcher) -> Self:
-        """Match each training shape by what the others taught, and fit error models to what that shows.
+        """Match each training shape by what the others taught, and fit error models.
 
         Parameters
         ----------
@@ -109,9 +143,10 @@ class CrossFitConfidence(Confidence):
         CrossFitConfidence
             Itself.
         """
-        check_number(self.cv, "cv", low=2, integer=True)
         used = training.used
-        watch = watch_reference(training.reference, [training.joins[i] for i in used], training.memory)
+        watch = watch_reference(
+            training.reference, [training.joins[i] for i in used], training.memory
+        )
         n_folds = min(self.cv, len(used))
         folds = [used[f::n_folds] for f in range(n_folds)]
         matchers = [matcher] if n_folds == 1 else _matchers_without(training, folds, matcher)
@@ -125,7 +160,10 @@ class CrossFitConfidence(Confidence):
         worst = max(one.distance for one in seen)
         self.error_models_ = {
             kind: fit_error_model(
-                [_weighted(one.observations[kind], training.share[i]) for i, one in zip(order, seen, strict=True)],
+                [
+                    _weighted(one.observations[kind], training.share[i])
+                    for i, one in zip(order, seen, strict=True)
+                ],
                 watch,
                 worst_distance=worst,
                 cross_validated=n_folds > 1,
@@ -135,7 +173,9 @@ class CrossFitConfidence(Confidence):
         kind = UNREFINED if matcher.refinement is None else REFINED
         self.misfits_, self.training_errors_ = np.full((2, training.n_given), np.nan)
         self.misfits_[training.indices[order]] = [one.residual for one in seen]
-        self.training_errors_[training.indices[order]] = [one.observations[kind].mean_error for one in seen]
+        self.training_errors_[training.indices[order]] = [
+            one.observations[kind].mean_error for one in seen
+        ]
         return self
 
     def assess(
@@ -150,49 +190,49 @@ class CrossFitConfidence(Confidence):
     ) -> Trust:
         """Return expected errors, confidences, the misfit and whether the shape is familiar.
 
-        Parameters
-        ----------
-        matcher : Matcher
-            What the match was made by.
-        shape : ProbedShape
-            S_i.
-        solution : Solution
-            Of equation (2).
-        before, after : PointMatch
-            The match, and what refinement made of it.
-        refined : bool
-            Whether that refinement is the one that the learner was fitted with; if not, errors are those to expect of
-            the match before it.
-
-        Returns
-        -------
-        Trust
-            How far to trust the match.
+        Where the refinement is another than the one in `fit`, errors are those to expect of the
+        match before it. The parameters are those of `Confidence.assess`.
         """
         unrefined: ErrorModel = self.error_models_[UNREFINED]
         misfit = unrefined.misfit(embedding_distance(shape, before))
         model, seen = (self.error_models_[REFINED], after) if refined else (unrefined, before)
-        expected_error, confidence = model.predict(vertex_signs(matcher, shape, seen), seen.p2p, misfit)
+        expected_error, confidence = model.predict(
+            vertex_signs(matcher, shape, seen, refined=refined), seen.p2p, misfit
+        )
         return Trust(expected_error, confidence, misfit, self.is_familiar(solution, misfit))
 
     def is_familiar(self, solution: Solution, misfit: float = np.nan) -> bool:
-        """Tell whether a shape fits what was learned about as well as the training shapes that were left out."""
+        """Tell whether a shape fits about as well as the training shapes that were left out."""
         return is_familiar(self.misfits_, solution.residual, misfit)
+
+    def mean_error(self) -> float:
+        """Return the mean error of training shapes left out, refined if the learner refines."""
+        return self.error_models_[
+            REFINED if REFINED in self.error_models_ else UNREFINED
+        ].mean_error
 
 
 class _Seen(NamedTuple):
-    """What one training shape showed: observations by kind, what is left of equation (2), `embedding_distance`."""
+    """What one training shape showed.
+
+    Observations by kind, what is left of equation (2), `embedding_distance`.
+    """
 
     observations: dict[str, Observation]
     residual: float
     distance: float
 
 
-def _observe(matcher: Matcher, shape: ProbedShape, join: JoinedPairs, areas: FloatArray, watch: Watch) -> _Seen:
+def _observe(
+    matcher: Matcher, shape: ProbedShape, join: JoinedPairs, areas: FloatArray, watch: Watch
+) -> _Seen:
     solution = matcher.solve(shape)
-    before, after = matcher.match(shape, solution.C)
+    before, after = matcher.match_points(shape, solution.C)
     matches = {UNREFINED: before} | ({} if matcher.refinement is None else {REFINED: after})
-    seen = {kind: observe(matcher, shape, join, areas, match, watch) for kind, match in matches.items()}
+    seen = {
+        kind: observe(matcher, shape, join, areas, match, watch, refined=kind == REFINED)
+        for kind, match in matches.items()
+    }
     return _Seen(seen, solution.residual, embedding_distance(shape, before))
 
 
@@ -200,7 +240,9 @@ def _weighted(observation: Observation, share: float) -> Observation:
     return observation._replace(weights=share * observation.weights)
 
 
-def _matchers_without(training: TrainingSet, folds: list[IntArray], matcher: Matcher) -> list[Matcher]:
+def _matchers_without(
+    training: TrainingSet, folds: list[IntArray], matcher: Matcher
+) -> list[Matcher]:
     """Return, for each fold, what is learned from the other folds."""
     everything = np.concatenate(folds)
     arguments = ((training.only(np.setdiff1d(everything, rows)), matcher) for rows in folds)
@@ -209,6 +251,8 @@ def _matchers_without(training: TrainingSet, folds: list[IntArray], matcher: Mat
 
 def _learned_from(training: TrainingSet, whole: Matcher) -> Matcher:
     options, settings = training.options, whole.settings
-    learned = training.learn(max_iter=min(options["max_iter"], _MAX_ITER), tol=max(options["tol"], _TOL))
-    matcher = Matcher.from_learned(training, learned, matching=settings.matching, n_stable=settings.n_stable)
+    learned = training.learn(max_iter=min(options.max_iter, _MAX_ITER), tol=max(options.tol, _TOL))
+    matcher = Matcher.from_learned(
+        training, learned, matching=settings.matching, n_stable=settings.n_stable
+    )
     return replace(matcher, refinement=fit_part(whole.refinement, training, matcher))

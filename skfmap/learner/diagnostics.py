@@ -1,4 +1,9 @@
-"""What a fit, or a new shape, shows that a person should know; and the one place that warns of it."""
+"""What a fit, or a new shape, shows that a person should know.
+
+`report` is the one place that warns of it.
+
+And the one place that warns of it.
+"""
 
 from collections.abc import Iterable, Sequence
 from typing import NamedTuple
@@ -26,15 +31,19 @@ from skfmap.shapes.usable import Usable, describe
 
 __all__ = ["Finding", "diagnose", "diagnose_new_shapes", "is_mirrored", "report"]
 
-# Where even the most stable function is missed by so much of its norm, nothing was learned.
+# Where even the most stable function is missed by so much of its norm, half of its square is lost:
+# nothing was learned.
 _UNSTABLE = 0.7
-# Mean errors, in sqrt(area), of training shapes left out. Those of TOSCA cats, horses and people are at most 0.06, and
-# within twice the median of the others; a horse whose numbers are off by one is at 0.08, animals taken for their mirror
-# images at 0.2 and more, with shuffled numbers at 0.35 and more.
+# Mean errors, in sqrt(area), of training shapes left out. Those of TOSCA cats, horses and people
+# are at most 0.06, and within twice the median of the others; a horse whose numbers are off by one
+# is at 0.08, animals taken for their mirror images at 0.2 and more, with shuffled numbers at 0.35
+# and more.
 _WRONG, _WRONG_TO_ALL, _TIMES_THE_OTHERS = 0.06, 0.2, 3
-# Correlation of oriented probes with their images under the known map; that of sound TOSCA shapes is 0.3 to 0.9.
+# Correlation of oriented probes with their images under the known map; that of sound TOSCA shapes
+# is 0.3 to 0.9.
 _AGAINST = -0.1
-# What is left of equation (2) for the mirror image, as a share of that for the shape; sound shapes are above 1.
+# What is left of equation (2) for the mirror image, as a share of that for the shape; sound shapes
+# are above 1.
 _MUCH_BETTER = 0.7
 
 
@@ -51,7 +60,9 @@ def report(findings: Iterable[Finding]) -> None:
         warn(finding.message, finding.category)
 
 
-def diagnose(training: TrainingSet, learned: LearnedMaps, training_errors: FloatArray | None) -> list[Finding]:
+def diagnose(
+    training: TrainingSet, learned: LearnedMaps, training_errors: FloatArray | None
+) -> list[Finding]:
     """Return what a fit shows that a person should know.
 
     Parameters
@@ -66,7 +77,7 @@ def diagnose(training: TrainingSet, learned: LearnedMaps, training_errors: Float
     return [
         *([Finding(SkippedShapeWarning, training.skipped)] if training.skipped else []),
         *_coverage(training),
-        *_convergence(learned, training.options["tol"]),
+        *_convergence(learned, training.options.tol),
         *_mirrored(training),
         *([] if training_errors is None else _disagreement(training, training_errors)),
         *_instability(training, learned),
@@ -75,44 +86,59 @@ def diagnose(training: TrainingSet, learned: LearnedMaps, training_errors: Float
     ]
 
 
-def diagnose_new_shapes(usable: Usable, mirrored: Sequence[bool], familiar: Sequence[bool | None]) -> list[Finding]:
-    """Return what solutions and matches of new shapes show; a mirrored shape is not called unfamiliar as well."""
+def diagnose_new_shapes(
+    usable: Usable, mirrored: Sequence[bool], familiar: Sequence[bool | None]
+) -> list[Finding]:
+    """Return what solutions and matches of new shapes show.
+
+    A mirrored shape is not called unfamiliar as well.
+    """
     called = [describe(i, shape) for i, shape in zip(usable.indices, usable.shapes, strict=True)]
     images = [who for who, yes in zip(called, mirrored, strict=True) if yes]
     strange = [
-        who for who, image, known in zip(called, mirrored, familiar, strict=True) if known is False and not image
+        who
+        for who, image, known in zip(called, mirrored, familiar, strict=True)
+        if known is False and not image
     ]
     findings = []
     if images:
         findings.append(
             Finding(
                 OrientationWarning,
-                f"As mirror images, these shapes fit the reference much better: {', '.join(images)}. Left may be taken "
-                "for right there; check that the mesh is not mirrored or inside out (a scan with one axis negated, or "
-                "faces wound inwards on an open surface).",
+                "As mirror images, these shapes fit the reference much better: "
+                f"{', '.join(images)}. Left may be taken for right there; check that the mesh is "
+                "not mirrored or inside out (a scan with one axis negated, or faces wound inwards "
+                "on an open surface).",
             )
         )
     if strange:
         findings.append(
             Finding(
                 UnfamiliarShapeWarning,
-                f"What was learned fits these shapes much worse than any training shape left out: "
-                f"{', '.join(strange)}. Their matches may be wrong, and worse than their expected errors say. Is it "
-                "another kind of body, a part of one, or a mesh of another resolution? Add shapes like it to the "
-                "training shapes, or bring all to one resolution.",
+                "What was learned fits these shapes much worse than any training shape left out: "
+                f"{', '.join(strange)}. Their matches may be wrong, and worse than their expected "
+                "errors say. Is it another kind of body, a part of one, or a mesh of another "
+                "resolution? Add shapes like it to the training shapes, or bring all to one "
+                "resolution.",
             )
         )
     return findings
 
 
 def is_mirrored(solution: Solution) -> bool:
-    """Tell whether a shape fits much better once its oriented probes are negated; never if there are none."""
+    """Tell whether a shape fits much better once its oriented probes are negated.
+
+    Never if there are none.
+    """
     return bool(solution.mirrored_residual < _MUCH_BETTER * solution.residual)
 
 
 def _coverage(training: TrainingSet) -> list[Finding]:
     names = [training.describe(i) for i in range(len(training.shapes))]
-    return [Finding(CoverageWarning, message) for message in coverage_messages(training.known, names, training.k)]
+    return [
+        Finding(CoverageWarning, message)
+        for message in coverage_messages(training.known, names, training.k)
+    ]
 
 
 def _convergence(learned: LearnedMaps, tol: float) -> list[Finding]:
@@ -120,8 +146,8 @@ def _convergence(learned: LearnedMaps, tol: float) -> list[Finding]:
     if optimum.converged or optimum.stopped:
         return []
     message = (
-        f"The weights did not converge in {optimum.n_iter} iterations (gradient {optimum.gradient_norm:.2g}, tol "
-        f"{tol:g}): {optimum.message}. Raise max_iter or tol."
+        f"The weights did not converge in {optimum.n_iter} iterations (gradient "
+        f"{optimum.gradient_norm:.2g}, tol {tol:g}): {optimum.message}. Raise max_iter or tol."
     )
     return [Finding(ConvergenceWarning, message)]
 
@@ -137,19 +163,21 @@ def _mirrored(training: TrainingSet) -> list[Finding]:
         if _agreement(training.reference, shape, one.C, odd) < _AGAINST
     ]
     message = (
-        f"The correspondences of {', '.join(suspects)} take left for right: oriented probes run against those of the "
-        f"reference {training.reference.name!r}. The meshes are mirrored or inside out, or the correspondences are the "
-        "symmetric ones; mirror the mesh back (negate one coordinate and reverse the faces), or use "
-        "DescriptorTransformer('paper')."
+        f"The correspondences of {', '.join(suspects)} take left for right: oriented probes run "
+        f"against those of the reference {training.reference.name!r}. The meshes are mirrored or "
+        "inside out, or the correspondences are the symmetric ones; mirror the mesh back (negate "
+        "one coordinate and reverse the faces), or use DescriptorTransformer('paper')."
     )
     return [Finding(OrientationWarning, message)] if suspects else []
 
 
 def _agreement(reference: ProbedShape, shape: ProbedShape, C: FloatArray, odd: BoolArray) -> float:
-    """Return the correlation of the oriented probes of a shape with those that the map carries over."""
+    """Return the correlation of a shape's oriented probes with those that the map carries."""
     k = len(C)
     own, carried = shape.probes[1:k, odd], (C @ reference.probes[:k])[1:, odd]
-    own, carried = (values / np.maximum(np.linalg.norm(values, axis=0), 1e-300) for values in (own, carried))
+    own, carried = (
+        values / np.maximum(np.linalg.norm(values, axis=0), 1e-300) for values in (own, carried)
+    )
     return float((own * carried).sum() / odd.sum())
 
 
@@ -162,20 +190,22 @@ def _disagreement(training: TrainingSet, errors: FloatArray) -> list[Finding]:
     typical = float(np.median(own))
     if typical > _WRONG_TO_ALL:
         message = (
-            f"Training shapes that are left out of the learning are matched with a mean error of {typical:.2f} "
-            "sqrt(area), nearly as bad as chance, and new ones will be. Check the correspondence of the reference "
-            "first (vertex numbers from 0, those of this very mesh; Correspondence.from_vertices or from_template), "
-            "then the others' (learner.training_errors_), whether the shapes are alike, and whether the functions are "
-            "enough to tell points apart (n_functions, n_stable)."
+            "Training shapes that are left out of the learning are matched with a mean error of "
+            f"{typical:.2f} sqrt(area), nearly as bad as chance, and new ones will be. Check the "
+            "correspondence of the reference first (vertex numbers from 0, those of this very "
+            "mesh; Correspondence.from_vertices or from_template), then the others' "
+            "(learner.training_errors_), whether the shapes are alike, and whether the functions "
+            "are enough to tell points apart (n_functions, n_stable)."
         )
         return [Finding(DisagreementWarning, message)]
     wrong = [j for j in range(len(own)) if _contradicts(own[j], np.delete(own, j))]
     told = ", ".join(f"{training.describe(left_out[j])} ({own[j]:.2f})" for j in wrong)
     message = (
-        f"Left out of the learning, these training shapes are matched far from where their correspondences say, by "
-        f"this many sqrt(area): {told}; {typical:.2f} is typical of all. Vertex numbers of another mesh or counted "
-        "from 1, left taken for right, or another kind of body? Mend the correspondence, or leave the shape out: it "
-        "spoils what is learned from the others."
+        "Left out of the learning, these training shapes are matched far from where their "
+        f"correspondences say, by this many sqrt(area): {told}; {typical:.2f} is typical of all. "
+        "Vertex numbers of another mesh or counted from 1, left taken for right, or another kind "
+        "of body? Mend the correspondence, or leave the shape out: it spoils what is learned from "
+        "the others."
     )
     return [Finding(DisagreementWarning, message)] if wrong else []
 
@@ -191,20 +221,21 @@ def _instability(training: TrainingSet, learned: LearnedMaps) -> list[Finding]:
     missed = learned.stability / np.sqrt(training.share.sum()) / np.maximum(images, 1e-300)
     best = float(missed[1:].min())  # the constant function always maps
     message = (
-        f"No function maps stably: even the best is missed by {best:.2f} of its norm on the training shapes. Check "
-        "that the correspondences belong to their shapes (vertex numbers from 0, Correspondence.from_vertices or "
-        "from_template), and the winding of the meshes; or give other probes."
+        f"No function maps stably: even the best is missed by {best:.2f} of its norm on the "
+        "training shapes. Check that the correspondences belong to their shapes (vertex numbers "
+        "from 0, Correspondence.from_vertices or from_template), and the winding of the meshes; "
+        "or give other probes."
     )
     return [Finding(StabilityWarning, message)] if best > _UNSTABLE else []
 
 
 def _search_without_effect(training: TrainingSet, learned: LearnedMaps) -> list[Finding]:
-    """Say it if a given epsilon is so far from the singular values that the loss sees none of them."""
+    """Find out whether a given epsilon is so large or small that the loss sees nothing."""
     loss = learned.optimum.loss_curve[-1] / (training.share.sum() * (training.k - 1))
-    asked = training.options["weighting"] is not None and training.options["epsilon"] != "auto"
+    asked = training.options.weighting is not None and training.options.epsilon != "auto"
     message = (
-        f"No weight was changed: at epsilon={learned.epsilon:.3g} the loss is as good as constant. Take "
-        "epsilon='auto', or a number near the squared singular values of X(I) - C."
+        f"No weight was changed: at epsilon={learned.epsilon:.3g} the loss is as good as "
+        "constant. Take epsilon='auto', or a number near the squared singular values of X(I) - C."
     )
     blind = asked and learned.optimum.n_iter == 0 and not 1e-3 < loss < 1 - 1e-3
     return [Finding(StabilityWarning, message)] if blind else []
@@ -214,10 +245,17 @@ def _weights_at_bounds(learned: LearnedMaps) -> list[Finding]:
     logs = np.log(learned.weights)
     sides = (
         (int((logs >= LOG_WEIGHT_BOUND).sum()), "upper", "lower alpha"),
-        (int((logs <= -LOG_WEIGHT_BOUND).sum()), "lower", "raise alpha, or give more training shapes"),
+        (
+            int((logs <= -LOG_WEIGHT_BOUND).sum()),
+            "lower",
+            "raise alpha, or give more training shapes",
+        ),
     )
     return [
-        Finding(StabilityWarning, f"{n} of {len(logs)} weights are at the {side} bound of the search; {remedy}.")
+        Finding(
+            StabilityWarning,
+            f"{n} of {len(logs)} weights are at the {side} bound of the search; {remedy}.",
+        )
         for n, side, remedy in sides
         if n > len(logs) / 2
     ]

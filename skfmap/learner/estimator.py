@@ -10,38 +10,38 @@ from sklearn.base import BaseEstimator
 from sklearn.utils import Tags
 from sklearn.utils.validation import check_is_fitted
 
+from skfmap._measures import PairErrors, mean_over_shapes
+from skfmap._tools.caching import MemoryLike
 from skfmap._tools.callbacks import CallbackSupportMixin, FitTask, with_callbacks
-from skfmap._tools.fitted import FittedAttribute
+from skfmap._tools.fitted import fitted_attribute
 from skfmap._tools.parallel import map_shapes, single_threaded, tell
-from skfmap._tools.types import FloatArray, IntArray
+from skfmap._tools.part import Part
+from skfmap._tools.types import Array, FloatArray, IntArray
 from skfmap._tools.validation import check_choice, check_number, check_sample_weight, label
 from skfmap._version import Versioned
 from skfmap.functional.learning import LearnedMaps
-from skfmap.functional.regularization import LEARNED, REGULARIZERS
+from skfmap.functional.regularization import LEARNED, REGULARIZERS, Regularizer
 from skfmap.functional.weighting import WEIGHTINGS
 from skfmap.ground_truth import join_with_reference, known_maps, warn_of_coverage
 from skfmap.learner.confidence import Confidence, CrossFitConfidence
-from skfmap.learner.diagnostics import diagnose, diagnose_new_shapes, is_mirrored, report
+from skfmap.learner.diagnostics import Finding, diagnose, diagnose_new_shapes, is_mirrored, report
+from skfmap.learner.error_model import ErrorModel
 from skfmap.learner.inputs import check_new_shapes, check_scored
 from skfmap.learner.legacy import upgraded
 from skfmap.learner.matcher import MATCHINGS, Matcher, Solution
 from skfmap.learner.new_shape import INTERPOLATIONS, MatchedShape, match_shape, no_match, point_map
 from skfmap.learner.parts import check_part_is_object, fit_part, make_part, same_part
 from skfmap.learner.scoring import score_point_maps
-from skfmap.learner.training_set import TrainingSet
-from skfmap.measures import PairErrors, mean_over_shapes
-from skfmap.refinement import ICP, BijectiveZoomOut, Refinement, ZoomOut
-from skfmap.shapes import Match, ProbedShape
+from skfmap.learner.training_set import FitRecord, LearningOptions, TrainingSet, Weighting
+from skfmap.refinement import REFINEMENTS, Refinement
+from skfmap.shapes import Correspondence, Match, ProbedShape
 from skfmap.shapes.given_vertices import expand
-from skfmap.shapes.usable import Usable, describe, put_back
+from skfmap.shapes.usable import Answer, ProbedItem, Usable, describe, put_back
 
 __all__ = ["WeightedFunctionalMapLearner"]
 
-_WORDS: dict[str, dict[str, Callable[[], Any]]] = {
-    "refine": {"icp": ICP, "zoomout": ZoomOut, "bijective-zoomout": BijectiveZoomOut},
-    "confidence": {"cross-fit": CrossFitConfidence},
-}
-_METHODS = {"refine": "refine", "confidence": "assess"}
+_CONFIDENCES: dict[str, type[Confidence]] = {"cross-fit": CrossFitConfidence}
+_WORDS: dict[str, dict[str, type[Any]]] = {"refine": REFINEMENTS, "confidence": _CONFIDENCES}
 
 
 class WeightedFunctionalMapLearner(CallbackSupportMixin, Versioned, BaseEstimator):
@@ -51,59 +51,67 @@ class WeightedFunctionalMapLearner(CallbackSupportMixin, Versioned, BaseEstimato
 
     .. math:: X_i(D) = \arg\min_C \|(C G_0 - G_i) D\|_F^2 + \alpha \|C \odot W\|_F^2
 
-    (a floor under W * W keeps every row solvable: `skfmap.functional.penalty_of`), and D minimises the sum over
-    training shapes of :math:`\|X_i(D) - C_i\|_\epsilon` (equations 3 and 4). Two maps, opposite ways: the functional
-    map pulls functions on the reference S_0 back to S_i; the point map sends points of S_i to S_0.
+    (a floor under W * W keeps every row solvable: `skfmap.functional.penalty_of`), and D minimises
+    the sum over training shapes of :math:`\|X_i(D) - C_i\|_\epsilon` (equations 3 and 4). Two maps,
+    opposite ways: the functional map pulls functions on the reference S_0 back to S_i; the point
+    map sends points of S_i to S_0.
 
     Parameters
     ----------
     n_functions : int, default=50
         k: how many of each shape's first eigenfunctions are used.
     weighting : {"function", "category", "unique"}, sequence, callable or None, default="function"
-        One weight per probe, per family, for all, or none (D = I, the naive baseline; Y is learned all the same). A
-        sequence holds a label for each probe, and those of one label share a weight; a callable returns it for the
-        names and the categories of the probes, ``(names, categories) -> labels``.
+        One weight per probe, per family, for all, or none (D = I, the naive baseline; Y is learned
+        all the same). A sequence holds a label for each probe, and those of one label share a
+        weight; a callable returns it for the names and the categories of the probes, ``(names,
+        categories) -> labels``.
     epsilon : float or "auto", default="auto"
-        Of the norm (4). ``"auto"`` is the 80 percent rule of section 3.2. The loss depends on epsilon, so it says
-        nothing about which epsilon is better: use a score.
+        Of the norm (4). ``"auto"`` is the 80 percent rule of section 3.2. The loss depends on
+        epsilon, so it says nothing about which epsilon is better: use a score.
     alpha : float, default=0.01
-        Strength of the regulariser, for probes of norm 1 / sqrt(m). Beside learned weights it only sets the start and
-        the automatic epsilon; for ``weighting=None`` it is worth a search.
+        Strength of the regulariser, for probes of norm 1 / sqrt(m). Beside learned weights it only
+        sets the start and the automatic epsilon; for ``weighting=None`` it is worth a search.
     regularizer : {"laplacian", "resolvent", "learned"} or callable, default="laplacian"
-        Deformation model: ``(evals_i, evals_0) -> W`` of shape (k, k). ``"laplacian"`` is the paper's, ``"resolvent"``
-        is bounded (Ren et al. 2019), ``"learned"`` expects of each entry what the known maps of the training shapes
-        have there.
+        Deformation model: ``(evals_i, evals_0) -> W`` of shape (k, k). ``"laplacian"`` is the
+        paper's, ``"resolvent"`` is bounded (Ren et al. 2019), ``"learned"`` expects of each entry
+        what the known maps of the training shapes have there.
     normalize : {"shape", "reference"}, default="shape"
-        Whether probe columns are scaled by each shape's own norms (section 2.1) or by those of the reference.
+        Whether probe columns are scaled by each shape's own norms (section 2.1) or by those of the
+        reference.
     n_stable : int, float in (0, 1], or None
         p: how many stable functions the reduced map keeps, or their share of k; None is k // 2.
     matching : {"soft", "cut"}, default="soft"
-        Points are matched in all stable functions, each weighted by how far it puts the points of the training shapes
-        from where they belong, or in the first p alone.
+        Points are matched in all stable functions, each weighted by how far it puts the points of
+        the training shapes from where they belong, or in the first p alone.
     refine : {"icp", "zoomout", "bijective-zoomout"}, Refinement or None, default=None
-        How point maps are refined: a word, or the object that it stands for (`skfmap.refinement`), whose parameters can
-        then be searched as ``refine__step``. ``"bijective-zoomout"`` is the best by far: maps of growing size, up to
-        all eigenfunctions that `SpectralBasis` holds, each fitted to the point maps of both directions, with functions
-        weighted by what the training shapes showed. ``"zoomout"`` (Melzi et al. 2019) and ``"icp"`` (Ovsjanikov et al.
-        2012) are as published. On a shape of 5,000 vertices a step takes 0.3 s; there are eleven by default. None: not
-        at all.
+        How point maps are refined: a word, or the object that it stands for (`skfmap.refinement`),
+        whose parameters can then be searched as ``refine__step``. ``"bijective-zoomout"`` is the
+        best by far: maps of growing size, up to all eigenfunctions that `SpectralBasis` holds, each
+        fitted to the point maps of both directions, with functions weighted by what the training
+        shapes showed. ``"zoomout"`` (Melzi et al. 2019) and ``"icp"`` (Ovsjanikov et al. 2012) are
+        as published. On a shape of 5,000 vertices a step takes 0.3 s; there are eleven by default.
+        None: not at all.
     confidence : {"cross-fit"}, Confidence or None, default="cross-fit"
-        How errors to expect are found: ``"cross-fit"`` is `CrossFitConfidence`, which learns again for each of three
-        folds. None: not at all; a fit then takes a quarter of the time, for searches that only compare scores.
-        Matches have no ``expected_error``, ``confidence`` and ``familiar`` (None) then.
+        How errors to expect are found: ``"cross-fit"`` is `CrossFitConfidence`, which learns again
+        for each of three folds. None: not at all; a fit then takes a quarter of the time, for
+        searches that only compare scores. Matches have no ``expected_error``, ``confidence`` and
+        ``familiar`` (None) then.
     reference : str, default="first"
-        ``"first"``: the first training shape. ``"medoid"``: the training shape whose geodesic distances differ least
-        from all others'. Else the name of a training shape.
+        ``"first"``: the first training shape. ``"medoid"``: the training shape whose geodesic
+        distances differ least from all others'. Else the name of a training shape.
     on_invalid : {"raise", "skip"}, default="raise"
-        What to do with a training shape whose correspondence cannot be used: out of range, empty, without a point of
-        the reference, or with too few points. ``"skip"`` leaves it out with a warning; the reference's always raises.
-        Shapes that the steps before skipped are left out in any case.
+        What to do with a training shape whose correspondence cannot be used: out of range, empty,
+        without a point of the reference, or with too few points. ``"skip"`` leaves it out with a
+        warning; the reference's always raises. Shapes that the steps before skipped are left out in
+        any case.
     max_iter : int, default=1000
         Most iterations of L-BFGS.
     tol : float, default=1e-4
-        Largest derivative of the mean singular value's loss in a log-weight at which the search has converged.
+        Largest derivative of the mean singular value's loss in a log-weight at which the search has
+        converged.
     memory : str or joblib.Memory, optional
-        Where ground-truth maps and geodesic distances are cached, so that the fits and scores of a search share them.
+        Where ground-truth maps and geodesic distances are cached, so that the fits and scores of a
+        search share them.
     n_jobs : int, optional
         Shapes at a time; see joblib. The result is the same for every value.
     verbose : int, default=0
@@ -114,13 +122,15 @@ class WeightedFunctionalMapLearner(CallbackSupportMixin, Versioned, BaseEstimato
     weights_ : ndarray of shape (m,)
         Diagonal of D, positive.
     stable_basis_ : ndarray of shape (k, k)
-        Y: coefficients of functions on the reference, most stable first. The constant function maps exactly.
+        Y: coefficients of functions on the reference, most stable first. The constant function maps
+        exactly.
     stability_ : ndarray of shape (k,)
         Singular values that go with Y, ascending.
     epsilon_ : float
         The epsilon used.
     loss_, loss_curve_, n_iter_ : float, list of float, int
-        Equation (3) at the end, at the start and after each iteration, and the number of iterations.
+        Equation (3) at the end, at the start and after each iteration, and the number of
+        iterations.
     converged_ : bool
         Whether the search for weights converged.
     n_training_shapes_ : int
@@ -134,26 +144,28 @@ class WeightedFunctionalMapLearner(CallbackSupportMixin, Versioned, BaseEstimato
     probe_names_, probe_categories_ : ndarray of str, shape (m,)
         What each weight belongs to.
     residual_covariance_ : ndarray of shape (k, k)
-        How far learned maps put the points of the training shapes from where they belong: what ``matching="soft"``
-        weighs functions by.
+        How far learned maps put the points of the training shapes from where they belong: what
+        ``matching="soft"`` weighs functions by.
     truncation_covariance_ : ndarray of shape (n_components, n_components)
-        The same for the known maps in all functions held, which err by their cut alone: what refinement goes by.
+        The same for the known maps in all functions held, which err by their cut alone: what
+        refinement goes by.
     matcher_ : Matcher
         What matching a new shape needs, from which the above is read.
     refine_, confidence_ : Refinement or None, Confidence or None
         The fitted parts.
-    error_models_, misfits_, training_errors_ : dict, ndarray of shape (n_shapes,), ndarray of shape (n_shapes,)
-        Of `CrossFitConfidence`, which says what they are; they do not exist if ``confidence`` is another.
+    error_models_, misfits_, training_errors_ : dict, ndarray, ndarray
+        Of `CrossFitConfidence`, which says what they are; they do not exist if ``confidence`` is
+        another.
 
     See Also
     --------
     SpectralBasis, DescriptorTransformer : The steps before.
-    skfmap.functional.learn_functional_maps : The same on arrays, for functional maps without points.
+    skfmap.functional.learn_functional_maps : The same on arrays, for maps without points.
 
     References
     ----------
-    .. [1] E. Corman, M. Ovsjanikov, A. Chambolle. "Supervised descriptor learning for non-rigid shape matching". ECCV
-       Workshops, 2014.
+    .. [1] E. Corman, M. Ovsjanikov, A. Chambolle. "Supervised descriptor learning for non-rigid
+       shape matching". ECCV Workshops, 2014.
 
     Examples
     --------
@@ -174,36 +186,39 @@ class WeightedFunctionalMapLearner(CallbackSupportMixin, Versioned, BaseEstimato
     True
     """
 
-    weights_ = FittedAttribute("matcher_.weights")
-    stable_basis_ = FittedAttribute("matcher_.stable_basis")
-    residual_covariance_ = FittedAttribute("matcher_.residual_covariance")
-    truncation_covariance_ = FittedAttribute("matcher_.truncation_covariance")
-    reference_ = FittedAttribute("matcher_.reference")
-    n_stable_ = FittedAttribute("matcher_.settings.n_stable")
-    refine_ = FittedAttribute("matcher_.refinement")
-    stability_ = FittedAttribute("record_.stability")
-    epsilon_ = FittedAttribute("record_.epsilon")
-    loss_ = FittedAttribute("record_.loss")
-    loss_curve_ = FittedAttribute("record_.loss_curve")
-    n_iter_ = FittedAttribute("record_.n_iter")
-    converged_ = FittedAttribute("record_.converged")
-    n_training_shapes_ = FittedAttribute("record_.n_shapes")
-    reference_index_ = FittedAttribute("record_.reference_index")
-    reference_correspondence_ = FittedAttribute("record_.reference_correspondence")
-    probe_names_ = FittedAttribute("matcher_.probe_names")
-    probe_categories_ = FittedAttribute("matcher_.probe_categories")
-    error_models_ = FittedAttribute("confidence_.error_models_")
-    misfits_ = FittedAttribute("confidence_.misfits_")
-    training_errors_ = FittedAttribute("confidence_.training_errors_")
+    matcher_: Matcher
+    confidence_: Confidence | None
+    record_: FitRecord
+    weights_: FloatArray = fitted_attribute("matcher_.weights")
+    stable_basis_: FloatArray = fitted_attribute("matcher_.stable_basis")
+    residual_covariance_: FloatArray = fitted_attribute("matcher_.residual_covariance")
+    truncation_covariance_: FloatArray = fitted_attribute("matcher_.truncation_covariance")
+    reference_: ProbedShape = fitted_attribute("matcher_.reference")
+    n_stable_: int = fitted_attribute("matcher_.settings.n_stable")
+    refine_: Refinement | None = fitted_attribute("matcher_.refinement")
+    stability_: FloatArray = fitted_attribute("record_.stability")
+    epsilon_: float = fitted_attribute("record_.epsilon")
+    loss_: float = fitted_attribute("record_.loss")
+    loss_curve_: list[float] = fitted_attribute("record_.loss_curve")
+    n_iter_: int = fitted_attribute("record_.n_iter")
+    converged_: bool = fitted_attribute("record_.converged")
+    n_training_shapes_: int = fitted_attribute("record_.n_shapes")
+    reference_index_: int = fitted_attribute("record_.reference_index")
+    reference_correspondence_: Correspondence = fitted_attribute("record_.reference_correspondence")
+    probe_names_: Array = fitted_attribute("matcher_.probe_names")
+    probe_categories_: Array = fitted_attribute("matcher_.probe_categories")
+    error_models_: dict[str, ErrorModel] = fitted_attribute("confidence_.error_models_")
+    misfits_: FloatArray = fitted_attribute("confidence_.misfits_")
+    training_errors_: FloatArray = fitted_attribute("confidence_.training_errors_")
 
     def __init__(
         self,
         *,
         n_functions: int = 50,
-        weighting: str | Sequence[Any] | Callable[..., Any] | None = "function",
+        weighting: Weighting = "function",
         epsilon: float | str = "auto",
         alpha: float = 0.01,
-        regularizer: str | Callable[[FloatArray, FloatArray], FloatArray] = "laplacian",
+        regularizer: str | Regularizer = "laplacian",
         normalize: str = "shape",
         n_stable: float | None = None,
         matching: str = "soft",
@@ -213,7 +228,7 @@ class WeightedFunctionalMapLearner(CallbackSupportMixin, Versioned, BaseEstimato
         on_invalid: str = "raise",
         max_iter: int = 1000,
         tol: float = 1e-4,
-        memory: Any = None,
+        memory: MemoryLike = None,
         n_jobs: int | None = None,
         verbose: int = 0,
     ) -> None:
@@ -235,8 +250,13 @@ class WeightedFunctionalMapLearner(CallbackSupportMixin, Versioned, BaseEstimato
         self.n_jobs = n_jobs
         self.verbose = verbose
 
-    @with_callbacks  # type: ignore[untyped-decorator]
-    def fit(self, X: Sequence[ProbedShape], y: Sequence[Any], sample_weight: Sequence[float] | None = None) -> Self:
+    @with_callbacks
+    def fit(
+        self,
+        X: Sequence[ProbedItem],
+        y: Sequence[Answer],
+        sample_weight: Sequence[float] | None = None,
+    ) -> Self:
         """Learn weights and stable basis.
 
         Parameters
@@ -256,7 +276,8 @@ class WeightedFunctionalMapLearner(CallbackSupportMixin, Versioned, BaseEstimato
         Raises
         ------
         CorrespondenceError
-            If correspondences do not fit their shape, share no template point with the reference, or are too few for k.
+            If correspondences do not fit their shape, share no template point with the reference,
+            or are too few for k.
         ValueError
             If shapes do not fit each other or a parameter cannot be used.
         TypeError
@@ -267,13 +288,15 @@ class WeightedFunctionalMapLearner(CallbackSupportMixin, Versioned, BaseEstimato
         CoverageWarning
             If correspondences determine only a part of a functional map.
         OrientationWarning
-            If the correspondence of a shape takes its left for right, as that of a mirrored mesh does.
+            If the correspondence of a shape takes its left for right, as that of a mirrored mesh
+            does.
         ConvergenceWarning
             If the search stopped before it converged.
         StabilityWarning
             If no function maps stably, or many weights are at the bounds of the search.
         DisagreementWarning
-            If the correspondence of a shape contradicts those of the others, or that of the reference all.
+            If the correspondence of a shape contradicts those of the others, or that of the
+            reference all.
         SkippedShapeWarning
             If shapes were left out.
         """
@@ -281,17 +304,24 @@ class WeightedFunctionalMapLearner(CallbackSupportMixin, Versioned, BaseEstimato
         training = self._training_set(X, y, sample_weight)
         self._tell(f"reference: {label(training.reference.name, 'shape')}")
         task = FitTask(self, X, y, sample_weight, self.max_iter)
-        learned = single_threaded(self._learn, training, task)
-        fitted = self._assembled(training, learned)
-        if self.confidence is not None:
-            self._tell("calibrating expected errors on training shapes left out in turn")
-            fitted["confidence_"] = fit_part(self._part("confidence"), training, fitted["matcher_"])
-        report(diagnose(training, learned, getattr(fitted["confidence_"], "training_errors_", None)))
+        fitted, findings = self._fitted(training, task)
+        report(findings)
         self.__dict__.update(fitted)  # at once, so that an interrupted fit leaves nothing behind
         task.end(fitted)
         return self
 
-    def functional_maps(self, X: Sequence[ProbedShape]) -> FloatArray:
+    def _fitted(self, training: TrainingSet, task: FitTask) -> tuple[dict[str, Any], list[Finding]]:
+        """Run the paper's pipeline (figure 2); return the fitted state, and what to tell of it."""
+        learned = single_threaded(self._learn, training, task)
+        fitted = self._assembled(training, learned)
+        confidence = self._confidence()
+        if confidence is not None:
+            self._tell("calibrating expected errors on training shapes left out in turn")
+            fitted["confidence_"] = fit_part(confidence, training, fitted["matcher_"])
+        errors = getattr(fitted["confidence_"], "training_errors_", None)
+        return fitted, diagnose(training, learned, errors)
+
+    def functional_maps(self, X: Sequence[ProbedItem]) -> FloatArray:
         """Return the full maps X_i(D), from functions on the reference to functions on each shape.
 
         Parameters
@@ -311,11 +341,15 @@ class WeightedFunctionalMapLearner(CallbackSupportMixin, Versioned, BaseEstimato
         """
         usable, k = self._usable(X), len(self.stable_basis_)
         solutions = self._solutions(usable.shapes)
-        familiar = [self.confidence_ is None or self.confidence_.is_familiar(one) for one in solutions]
+        familiar = [
+            self.confidence_ is None or self.confidence_.is_familiar(one) for one in solutions
+        ]
         report(diagnose_new_shapes(usable, [False] * len(familiar), familiar))
-        return np.stack(put_back([one.C for one in solutions], usable, lambda _: np.full((k, k), np.nan)))
+        return np.stack(
+            put_back([one.C for one in solutions], usable, lambda _: np.full((k, k), np.nan))
+        )
 
-    def ground_truth_maps(self, X: Sequence[ProbedShape], y: Sequence[Any]) -> FloatArray:
+    def ground_truth_maps(self, X: Sequence[ProbedItem], y: Sequence[Answer]) -> FloatArray:
         """Return the maps C_i that known correspondences make, to compare `functional_maps` with.
 
         Parameters
@@ -334,13 +368,26 @@ class WeightedFunctionalMapLearner(CallbackSupportMixin, Versioned, BaseEstimato
             If a shape and the reference share fewer than k distinct landmarks.
         """
         usable, answers = self._scored(X, y)
-        k, truth_0, reference = len(self.stable_basis_), self.reference_correspondence_, self.reference_
-        joins = [join_with_reference(a, s, truth_0, reference) for a, s in zip(answers, usable.shapes, strict=True)]
-        known = known_maps(usable.shapes, reference, joins, k, memory=self.memory, n_jobs=self.n_jobs)
-        warn_of_coverage(known, [describe(i, s) for i, s in zip(usable.indices, usable.shapes, strict=True)], k)
-        return np.stack(put_back([one.C for one in known], usable, lambda _: np.full((k, k), np.nan)))
+        k, truth_0, reference = (
+            len(self.stable_basis_),
+            self.reference_correspondence_,
+            self.reference_,
+        )
+        joins = [
+            join_with_reference(a, s, truth_0, reference)
+            for a, s in zip(answers, usable.shapes, strict=True)
+        ]
+        known = known_maps(
+            usable.shapes, reference, joins, k, memory=self.memory, n_jobs=self.n_jobs
+        )
+        warn_of_coverage(
+            known, [describe(i, s) for i, s in zip(usable.indices, usable.shapes, strict=True)], k
+        )
+        return np.stack(
+            put_back([one.C for one in known], usable, lambda _: np.full((k, k), np.nan))
+        )
 
-    def predict(self, X: Sequence[ProbedShape]) -> FloatArray:
+    def predict(self, X: Sequence[ProbedItem]) -> FloatArray:
         """Return the reduced maps X_i(D) Y_p of section 4.2.
 
         Parameters
@@ -355,7 +402,13 @@ class WeightedFunctionalMapLearner(CallbackSupportMixin, Versioned, BaseEstimato
         """
         return self.functional_maps(X) @ self.stable_basis_[:, : self.n_stable_]
 
-    def match(self, X: Sequence[ProbedShape], *, refine: Any = "fitted", interpolate: str | None = None) -> list[Match]:
+    def match(
+        self,
+        X: Sequence[ProbedItem],
+        *,
+        refine: str | Refinement | None = "fitted",
+        interpolate: str | None = None,
+    ) -> list[Match]:
         """Match the points of each shape to those of the reference, in the stable functions.
 
         Parameters
@@ -363,40 +416,54 @@ class WeightedFunctionalMapLearner(CallbackSupportMixin, Versioned, BaseEstimato
         X : sequence of ProbedShape
             New shapes.
         refine : str, Refinement or None, default="fitted"
-            As the parameter of that name; ``"fitted"`` is what the model was fitted with, None not at all. Errors are
-            calibrated for these two; any other refinement is given the expected errors of the match before it.
+            As the parameter of that name; ``"fitted"`` is what the model was fitted with, None not
+            at all. Errors are calibrated for these two; any other refinement is given the expected
+            errors of the match before it.
         interpolate : {"barycentric", "soft"} or None, default=None
-            Whether `Match.matrix` holds one vertex of the reference for each of S_i, the nearest point on the triangles
-            around it, or several vertices weighted by their distance in the embedding.
+            Whether `Match.matrix` holds one vertex of the reference for each of S_i, the nearest
+            point on the triangles around it, or several vertices weighted by their distance in the
+            embedding.
 
         Returns
         -------
         list of Match
-            Point map (from each shape to the reference), expected errors, confidence and functional maps.
+            Point map (from each shape to the reference), expected errors, confidence and functional
+            maps.
 
         Warns
         -----
         OrientationWarning
-            If a shape fits the reference much better as a mirror image. A mirrored body that is its own mirror image
-            cannot be told from a body, and is matched by its own left and right.
+            If a shape fits the reference much better as a mirror image. A mirrored body that is its
+            own mirror image cannot be told from a body, and is matched by its own left and right.
         UnfamiliarShapeWarning
             If a shape is not like the training shapes: another kind of body, another resolution.
         """
         usable = self._usable(X)
         found = self._matched(usable.shapes, refine, interpolate)
-        mirrored, familiar = [is_mirrored(one.solution) for one in found], [one.match.familiar for one in found]
+        mirrored, familiar = (
+            [is_mirrored(one.solution) for one in found],
+            [one.match.familiar for one in found],
+        )
         report(diagnose_new_shapes(usable, mirrored, familiar))
         assessed = self.confidence_ is not None
         return put_back(
-            [one.match for one in found], usable, lambda skipped: no_match(skipped, self.matcher_, assessed=assessed)
+            [one.match for one in found],
+            usable,
+            lambda skipped: no_match(skipped, self.matcher_, assessed=assessed),
         )
 
     def point_maps(
-        self, X: Sequence[ProbedShape], *, matching: str = "fitted", n_stable: Any = "fitted", refine: Any = "fitted"
+        self,
+        X: Sequence[ProbedItem],
+        *,
+        matching: str = "fitted",
+        n_stable: float | str | None = "fitted",
+        refine: str | Refinement | None = "fitted",
     ) -> list[IntArray]:
         """Return point maps alone, in other functions than the parameters say if asked.
 
-        ``matching="cut", n_stable=1.0`` matches in all functions alike, which is the full map of the paper's figure 5.
+        ``matching="cut", n_stable=1.0`` matches in all functions alike, which is the full map of
+        the paper's figure 5.
 
         Parameters
         ----------
@@ -408,12 +475,15 @@ class WeightedFunctionalMapLearner(CallbackSupportMixin, Versioned, BaseEstimato
         Returns
         -------
         list of ndarray of int, each of shape (n_vertices_i,)
-            Vertex of the reference for each vertex of S_i; -1 for vertices that were removed, and for all of a shape
-            that was left out.
+            Vertex of the reference for each vertex of S_i; -1 for vertices that were removed, and
+            for all of a shape that was left out.
         """
         usable = self._usable(X)
         p2ps = self._point_maps(usable.shapes, matching=matching, n_stable=n_stable, refine=refine)
-        given = [expand(p2p, shape.spectral.vertex_map, -1) for p2p, shape in zip(p2ps, usable.shapes, strict=True)]
+        given = [
+            expand(p2p, shape.spectral.vertex_map, -1)
+            for p2p, shape in zip(p2ps, usable.shapes, strict=True)
+        ]
         return put_back(given, usable, lambda skipped: np.full(skipped.n_vertices, -1))
 
     def stability_function(self) -> FloatArray:
@@ -422,8 +492,9 @@ class WeightedFunctionalMapLearner(CallbackSupportMixin, Versioned, BaseEstimato
         Returns
         -------
         ndarray of shape (n_vertices_0,)
-            Root of the sum over Y of squared (singular value times function), per training shape: the length of what
-            maps add to the row of a point in the embedding. Low where many functions agree.
+            Root of the sum over Y of squared (singular value times function), per training shape:
+            the length of what maps add to the row of a point in the embedding. Low where many
+            functions agree.
         """
         check_is_fitted(self)
         k = len(self.stable_basis_)
@@ -432,14 +503,14 @@ class WeightedFunctionalMapLearner(CallbackSupportMixin, Versioned, BaseEstimato
 
     def pair_errors(
         self,
-        X: Sequence[ProbedShape],
-        y: Sequence[Any],
+        X: Sequence[ProbedItem],
+        y: Sequence[Answer],
         *,
         method: str = "heat",
         matching: str = "fitted",
-        n_stable: Any = "fitted",
-        refine: Any = "fitted",
-        reference_y: Any = None,
+        n_stable: float | str | None = "fitted",
+        refine: str | Refinement | None = "fitted",
+        reference_y: Answer | None = None,
     ) -> list[PairErrors]:
         """Match shapes of known correspondence and return the error at each pair.
 
@@ -452,8 +523,8 @@ class WeightedFunctionalMapLearner(CallbackSupportMixin, Versioned, BaseEstimato
         matching, n_stable, refine : optional
             As in `point_maps`.
         reference_y : Correspondence or int array, optional
-            Where the reference lies at the template points of ``y``; what `fit` was given by default. With sparse
-            landmarks, fit one half of them and score the other.
+            Where the reference lies at the template points of ``y``; what `fit` was given by
+            default. With sparse landmarks, fit one half of them and score the other.
 
         Returns
         -------
@@ -463,19 +534,29 @@ class WeightedFunctionalMapLearner(CallbackSupportMixin, Versioned, BaseEstimato
         usable, answers = self._scored(X, y)
         p2ps = self._point_maps(usable.shapes, matching=matching, n_stable=n_stable, refine=refine)
         self._tell("geodesic distances on the reference, once for all scores")
-        measured = {"method": method, "memory": self.memory, "n_jobs": self.n_jobs, "reference_y": reference_y}
-        return score_point_maps(p2ps, usable, answers, self.reference_, self.reference_correspondence_, **measured)
+        return score_point_maps(
+            p2ps,
+            usable,
+            answers,
+            self.reference_,
+            self.reference_correspondence_,
+            reference_y=reference_y,
+            method=method,
+            memory=self.memory,
+            n_jobs=self.n_jobs,
+        )
 
     def score(
         self,
-        X: Sequence[ProbedShape],
-        y: Sequence[Any],
+        X: Sequence[ProbedItem],
+        y: Sequence[Answer],
         sample_weight: Sequence[float] | None = None,
-        reference_y: Any = None,
+        reference_y: Answer | None = None,
     ) -> float:
         """Return minus the mean geodesic error of the matches; larger is better.
 
-        Direct: a symmetric answer counts as an error. `skfmap.metrics.get_scorer` has the kinds that forgive it.
+        Direct: a symmetric answer counts as an error. `skfmap.metrics.get_scorer` has the kinds
+        that forgive it.
 
         Parameters
         ----------
@@ -489,14 +570,19 @@ class WeightedFunctionalMapLearner(CallbackSupportMixin, Versioned, BaseEstimato
         Returns
         -------
         float
-            In units of sqrt(area) of the reference, averaged over pairs and then over shapes. Shapes that were left out
-            do not count; NaN if all were.
+            In units of sqrt(area) of the reference, averaged over pairs and then over shapes.
+            Shapes that were left out do not count; NaN if all were.
         """
-        means = [errors.mean("direct") for errors in self.pair_errors(X, y, reference_y=reference_y)]
+        means = [
+            errors.mean("direct") for errors in self.pair_errors(X, y, reference_y=reference_y)
+        ]
         return -mean_over_shapes(means, check_sample_weight(sample_weight, len(means)))
 
     def set_params(self, **params: Any) -> Self:
-        """Set parameters; those of a part, as ``refine__step``, where the part is an object and not a word."""
+        """Set parameters.
+
+        Those of a part, as ``refine__step``, where the part is an object and not a word.
+        """
         check_part_is_object(params, self.get_params(deep=False), _WORDS)
         return super().set_params(**params)
 
@@ -513,21 +599,27 @@ class WeightedFunctionalMapLearner(CallbackSupportMixin, Versioned, BaseEstimato
             check_choice(self.regularizer, "regularizer", (*REGULARIZERS, LEARNED))
         check_choice(self.normalize, "normalize", ("shape", "reference"))
         check_choice(self.matching, "matching", MATCHINGS)
-        for name in _WORDS:
-            self._part(name)
+        self._refinement(self.refine)
+        self._confidence()
         check_choice(self.on_invalid, "on_invalid", ("raise", "skip"))
         if not isinstance(self.reference, str):
-            raise ValueError(f"reference must be the name of a shape, or one of its words; got {self.reference!r}.")
+            raise ValueError(
+                "reference must be the name of a shape, or one of its words; got "
+                f"{self.reference!r}."
+            )
         check_number(self.max_iter, "max_iter", low=1, integer=True)
         check_number(self.tol, "tol", low=0)
         _count_stable(self.n_stable, self.n_functions)
 
-    def _part(self, name: str, **override: Any) -> Any:
-        """Return what ``refine`` or ``confidence`` stands for, unfitted."""
-        return make_part(override.get(name, getattr(self, name)), name, _WORDS[name], _METHODS[name])
+    def _refinement(self, given: str | Refinement | None) -> Refinement | None:
+        return make_part(given, "refine", REFINEMENTS, Refinement)
 
-    def _training_set(self, X: Any, y: Any, sample_weight: Any) -> TrainingSet:
-        learning = ("weighting", "epsilon", "alpha", "regularizer", "normalize", "max_iter", "tol")
+    def _confidence(self) -> Confidence | None:
+        return make_part(self.confidence, "confidence", _CONFIDENCES, Confidence)
+
+    def _training_set(
+        self, X: Sequence[ProbedItem], y: Sequence[Answer], sample_weight: Sequence[float] | None
+    ) -> TrainingSet:
         return TrainingSet.from_samples(
             X,
             y,
@@ -535,7 +627,15 @@ class WeightedFunctionalMapLearner(CallbackSupportMixin, Versioned, BaseEstimato
             n_functions=self.n_functions,
             reference=self.reference,
             on_invalid=self.on_invalid,
-            options={name: getattr(self, name) for name in learning},
+            options=LearningOptions(
+                weighting=self.weighting,
+                epsilon=self.epsilon,
+                alpha=self.alpha,
+                regularizer=self.regularizer,
+                normalize=self.normalize,
+                max_iter=self.max_iter,
+                tol=self.tol,
+            ),
             memory=self.memory,
             n_jobs=self.n_jobs,
         )
@@ -551,7 +651,9 @@ class WeightedFunctionalMapLearner(CallbackSupportMixin, Versioned, BaseEstimato
             return stop
 
         task.begin_iteration()
-        n_threads = min(effective_n_jobs(self.n_jobs), cpu_count())  # a cluster's workers are not threads here
+        n_threads = min(
+            effective_n_jobs(self.n_jobs), cpu_count()
+        )  # a cluster's workers are not threads here
         return training.learn(n_threads=n_threads, callback=after_iteration)
 
     def _assembled(self, training: TrainingSet, learned: LearnedMaps) -> dict[str, Any]:
@@ -559,38 +661,71 @@ class WeightedFunctionalMapLearner(CallbackSupportMixin, Versioned, BaseEstimato
         n_stable = _count_stable(self.n_stable, self.n_functions)
         matcher = Matcher.from_learned(training, learned, matching=self.matching, n_stable=n_stable)
         return {
-            "matcher_": replace(matcher, refinement=fit_part(self._part("refine"), training, matcher)),
+            "matcher_": replace(
+                matcher, refinement=fit_part(self._refinement(self.refine), training, matcher)
+            ),
             "record_": training.record(learned),
             "confidence_": None,
         }
 
-    def _matcher(self, *, matching: str = "fitted", n_stable: Any = "fitted", refine: Any = "fitted") -> Matcher:
+    def _matcher(
+        self,
+        *,
+        matching: str = "fitted",
+        n_stable: float | str | None = "fitted",
+        refine: str | Refinement | None = "fitted",
+    ) -> Matcher:
         """Return what matches new shapes, with other settings if asked."""
-        settings, refinement = self.matcher_.settings, self.matcher_.refinement
+        settings = self.matcher_.settings
         if matching != "fitted":
             settings = settings._replace(matching=check_choice(matching, "matching", MATCHINGS))
         if not isinstance(n_stable, str) or n_stable != "fitted":
-            settings = settings._replace(n_stable=_count_stable(n_stable, len(self.stable_basis_)))
-        if not isinstance(refine, str) or refine != "fitted":
-            refinement = self._part("refine", refine=refine)
-        return replace(self.matcher_, settings=settings, refinement=refinement)
+            n_stable = _count_stable(n_stable, len(self.stable_basis_))
+            settings = settings._replace(n_stable=n_stable)
+        return replace(self.matcher_, settings=settings, refinement=self._override(refine))
 
-    def _usable(self, X: Any) -> Usable:
+    def _override(self, refine: str | Refinement | None) -> Refinement | None:
+        """Return the refinement of one call: the fitted one, or another that learns nothing."""
+        if isinstance(refine, str) and refine == "fitted":
+            return self.refine_
+        asked = self._refinement(refine)
+        if same_part(asked, self.refine_):
+            return self.refine_
+        if asked is not None and type(asked).fit is not Part.fit:
+            raise ValueError(
+                f"{asked!r} learns from training shapes: give it to the learner, and fit that."
+            )
+        return asked
+
+    def _usable(self, X: Sequence[ProbedItem]) -> Usable:
         check_is_fitted(self)
         return check_new_shapes(X, self.reference_, len(self.stable_basis_))
 
-    def _scored(self, X: Any, y: Any) -> tuple[Usable, list[Any]]:
+    def _scored(self, X: Sequence[ProbedItem], y: Sequence[Answer]) -> tuple[Usable, list[Any]]:
         check_is_fitted(self)
-        return check_scored(X, y, self.reference_, len(self.stable_basis_), skip=self.on_invalid == "skip")
+        return check_scored(
+            X, y, self.reference_, len(self.stable_basis_), skip=self.on_invalid == "skip"
+        )
 
     def _solutions(self, shapes: Sequence[ProbedShape]) -> list[Solution]:
-        return map_shapes(self.matcher_.solve, ((s,) for s in shapes), n_jobs=self.n_jobs, verbose=0, prefer="threads")
+        return map_shapes(
+            self.matcher_.solve,
+            ((s,) for s in shapes),
+            n_jobs=self.n_jobs,
+            verbose=0,
+            prefer="threads",
+        )
 
-    def _matched(self, shapes: Sequence[ProbedShape], refine: Any, interpolate: str | None) -> list[MatchedShape]:
+    def _matched(
+        self,
+        shapes: Sequence[ProbedShape],
+        refine: str | Refinement | None,
+        interpolate: str | None,
+    ) -> list[MatchedShape]:
         """Return the matches of shapes that can be used, without a word about them."""
         check_choice(interpolate, "interpolate", INTERPOLATIONS)
         matcher = self._matcher(refine=refine)
-        refined = matcher.refinement is not None and same_part(matcher.refinement, self.refine_)
+        refined = matcher.refinement is not None and matcher.refinement is self.refine_
         arguments = ((matcher, self.confidence_, shape, interpolate, refined) for shape in shapes)
         return map_shapes(match_shape, arguments, n_jobs=self.n_jobs, verbose=0, prefer="threads")
 
@@ -620,7 +755,7 @@ class WeightedFunctionalMapLearner(CallbackSupportMixin, Versioned, BaseEstimato
         return tags
 
 
-def _count_stable(n_stable: float | None, k: int) -> int:
+def _count_stable(n_stable: float | str | None, k: int) -> int:
     """Return p."""
     if n_stable is None:
         return max(1, k // 2)

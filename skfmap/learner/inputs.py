@@ -15,7 +15,10 @@ __all__ = ["check_correspondences", "check_new_shapes", "check_scored", "check_s
 
 
 def check_shapes(X: object, n_functions: int) -> Sequence[Any]:
-    """Return the shapes, skipped ones among them; what cannot be learned from together is an error."""
+    """Return the shapes, skipped ones among them.
+
+    What cannot be learned from together is an error.
+    """
     if isinstance(X, ProbedShape):
         raise TypeError("X is one probed shape, not a sequence of them; wrap it in a list: [X].")
     shapes = check_samples(X, "probed shapes")
@@ -26,17 +29,20 @@ def check_shapes(X: object, n_functions: int) -> Sequence[Any]:
         who, first = describe(i, shape), first or shape
         if not isinstance(shape, ProbedShape):
             raise TypeError(
-                f"X[{i}] is a {type(shape).__name__}, not a ProbedShape; put SpectralBasis and DescriptorTransformer "
-                "before the learner."
+                f"X[{i}] is a {type(shape).__name__}, not a ProbedShape; put SpectralBasis and "
+                "DescriptorTransformer before the learner."
             )
         if shape.spectral.n_components < n_functions:
             raise ValueError(
-                f"{who} has {shape.spectral.n_components} eigenfunctions, fewer than n_functions={n_functions}; raise "
-                "n_components of SpectralBasis, or lower n_functions."
+                f"{who} has {shape.spectral.n_components} eigenfunctions, fewer than "
+                f"n_functions={n_functions}; raise n_components of SpectralBasis, or lower "
+                "n_functions."
             )
         _check_same_probes(shape, first, who, "the shapes before")
         if not np.isfinite(shape.probes).all():
-            raise ValueError(f"{who} has probe functions with NaN or infinite coefficients; check its mesh.")
+            raise ValueError(
+                f"{who} has probe functions with NaN or infinite coefficients; check its mesh."
+            )
     return shapes
 
 
@@ -51,45 +57,67 @@ def check_new_shapes(X: object, reference: ProbedShape, n_functions: int) -> Usa
 def check_scored(
     X: Any, y: object, reference: ProbedShape, n_functions: int, *, skip: bool
 ) -> tuple[Usable, list[Any]]:
-    """Return new shapes and their correspondences; with ``skip``, a shape whose own does not fit is skipped too."""
+    """Return new shapes and their correspondences.
+
+    With ``skip``, a shape whose own does not fit is skipped too.
+    """
     check_new_shapes(X, reference, n_functions)
     answers = check_correspondences(y, X, skip=skip)
-    shapes = [a if isinstance(a, SkippedShape) else shape for shape, a in zip(X, answers, strict=True)]
+    shapes = [
+        a if isinstance(a, SkippedShape) else shape for shape, a in zip(X, answers, strict=True)
+    ]
     warn_of_skipped([one for one, shape in zip(shapes, X, strict=True) if one is not shape])
     usable = pick_usable(shapes)
     return usable, [answers[i] for i in usable.indices]
 
 
-def check_correspondences(y: object, shapes: Sequence[ProbedShape | SkippedShape], *, skip: bool = False) -> list[Any]:
-    """Return correspondences in the numbers of their shapes' meshes; for a shape that is skipped, the same as there.
+def check_correspondences(
+    y: object, shapes: Sequence[ProbedShape | SkippedShape], *, skip: bool = False
+) -> list[Any]:
+    """Return correspondences in the numbers of their shapes' meshes.
+
+    For a shape that is skipped, the `SkippedShape` itself.
 
     With ``skip``, one that does not fit becomes a `SkippedShape` too.
     """
     if y is None:
-        raise ValueError("y is None; the learner needs where each shape lies on the template: one Correspondence each.")
+        raise ValueError(
+            "y is None; the learner needs where each shape lies on the template: one "
+            "Correspondence each."
+        )
     given = list(y) if isinstance(y, np.ndarray) and y.ndim == 3 else y
     items = check_samples(given, "correspondences", "y")
     if len(items) != len(shapes):
-        raise ValueError(f"X has {len(shapes)} shapes, but y has {len(items)} correspondences; give one for each.")
-    return [_checked(item, i, shape, skip) for i, (item, shape) in enumerate(zip(items, shapes, strict=True))]
+        raise ValueError(
+            f"X has {len(shapes)} shapes, but y has {len(items)} correspondences; give one for "
+            "each."
+        )
+    return [
+        _checked(item, i, shape, skip)
+        for i, (item, shape) in enumerate(zip(items, shapes, strict=True))
+    ]
 
 
 def _check_same_probes(shape: ProbedShape, other: ProbedShape, who: str, whom: str) -> None:
     """Raise unless both shapes have the same probe functions, made with the same parameters."""
     if shape.probe_names != other.probe_names:
         raise ValueError(
-            f"{who} has other probe functions than {whom} ({shape.probes.shape[1]} against {other.probes.shape[1]}); "
-            "use one DescriptorTransformer for all shapes."
+            f"{who} has other probe functions than {whom} ({shape.probes.shape[1]} against "
+            f"{other.probes.shape[1]}); use one DescriptorTransformer for all shapes."
         )
-    differing = [f"{a} against {b}" for a, b in zip(shape.recipe, other.recipe, strict=False) if a != b]
+    differing = [
+        f"{a} against {b}" for a, b in zip(shape.recipe, other.recipe, strict=False) if a != b
+    ]
     if differing:
         raise ValueError(
-            f"The probe functions of {who} were made with other parameters than those of {whom}: {differing[0]}. "
-            "Use the same SpectralBasis and DescriptorTransformer."
+            f"The probe functions of {who} were made with other parameters than those of {whom}: "
+            f"{differing[0]}. Use the same SpectralBasis and DescriptorTransformer."
         )
 
 
-def _checked(item: object, i: int, shape: ProbedShape | SkippedShape, skip: bool) -> Correspondence | SkippedShape:
+def _checked(
+    item: object, i: int, shape: ProbedShape | SkippedShape, skip: bool
+) -> Correspondence | SkippedShape:
     if isinstance(shape, SkippedShape):
         return shape
     try:
@@ -106,8 +134,8 @@ def _check_correspondence(item: object, i: int, shape: ProbedShape) -> Correspon
     n_vertices = n_given_vertices(shape.spectral)
     if truth.n_vertices not in (None, n_vertices):
         raise CorrespondenceError(
-            f"{who} was made for {truth.n_vertices} vertices, but the shape has {n_vertices}. If it holds the vertex "
-            "of each template point, use Correspondence.from_template."
+            f"{who} was made for {truth.n_vertices} vertices, but the shape has {n_vertices}. If "
+            "it holds the vertex of each template point, use Correspondence.from_template."
         )
     check_index_range(truth.pairs[:, 0], n_vertices, f"The pairs of {who}")
     if truth.symmetric_pairs is not None:

@@ -1,4 +1,9 @@
-"""Models that 0.1.0 saved before its learner was an assembly of parts: where their classes are now, and their state."""
+"""Models that were saved before the learner was an assembly of parts.
+
+Where their classes are now, and what their state has become.
+
+Where their classes are now, and their state.
+"""
 
 import sys
 from typing import Any, NamedTuple
@@ -10,11 +15,9 @@ from skfmap.learner.error_model import ErrorModel
 from skfmap.learner.matcher import Matcher
 from skfmap.learner.matcher import Settings as NewSettings
 from skfmap.learner.training_set import FitRecord
-from skfmap.refinement import ICP, BijectiveZoomOut, ZoomOut
+from skfmap.refinement import REFINEMENTS
 
 __all__ = ["Across", "ErrorModel", "Settings", "upgraded"]
-
-_REFINEMENTS = {"icp": ICP, "zoomout": ZoomOut, "bijective-zoomout": BijectiveZoomOut}
 
 
 class Settings(NamedTuple):
@@ -45,10 +48,12 @@ def upgraded(state: dict[str, Any]) -> dict[str, Any]:
         return state
     if state["bridge"] is not None:
         raise OutdatedModelError(
-            "This model matches through a bridge, and was saved before that was a BridgedLearner: fit it again, with "
-            "skfmap.BridgedLearner around the learner."
+            "This model matches through a bridge, and was saved before that was a BridgedLearner: "
+            "fit it again, with skfmap.BridgedLearner around the learner."
         )
-    parameters = {name: value for name, value in state.items() if not name.endswith("_") and name[0] != "_"}
+    parameters = {
+        name: value for name, value in state.items() if not name.endswith("_") and name[0] != "_"
+    }
     del parameters["bridge"]
     kept = {"_skfmap_version", "_sklearn_version"} & state.keys()
     upgrade = {**parameters, "confidence": "cross-fit", **{name: state[name] for name in kept}}
@@ -57,7 +62,7 @@ def upgraded(state: dict[str, Any]) -> dict[str, Any]:
 
 def _fitted(old: dict[str, Any]) -> dict[str, Any]:
     settings = old["_settings"]
-    refine = None if settings.refine is None else _REFINEMENTS[settings.refine]()
+    refine = None if settings.refine is None else REFINEMENTS[settings.refine]()
     matcher = Matcher(
         old["reference_"],
         old["weights_"],
@@ -72,7 +77,15 @@ def _fitted(old: dict[str, Any]) -> dict[str, Any]:
     confidence.error_models_ = {kinds[kind]: model for kind, model in old["error_models_"].items()}
     confidence.misfits_, confidence.training_errors_ = old["misfits_"], old["training_errors_"]
     record = FitRecord(
-        *(old[name] for name in ("reference_index_", "reference_correspondence_", "n_training_shapes_", "_n_training")),
+        *(
+            old[name]
+            for name in (
+                "reference_index_",
+                "reference_correspondence_",
+                "n_training_shapes_",
+                "_n_training",
+            )
+        ),
         *(old[name] for name in ("stability_", "epsilon_", "loss_curve_", "n_iter_", "converged_")),
     )
     return {"matcher_": matcher, "record_": record, "confidence_": confidence}

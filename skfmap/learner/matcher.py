@@ -2,7 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, NamedTuple, Self
+from typing import NamedTuple, Self
 
 import numpy as np
 
@@ -13,7 +13,7 @@ from skfmap.functional.normalization import scale_by
 from skfmap.functional.regularization import penalty_of
 from skfmap.functional.residuals import residual_covariance, trusted_functions
 from skfmap.learner.training_set import TrainingSet
-from skfmap.refinement import PointMatch, match_points
+from skfmap.refinement import PointMatch, Refinement, match_points
 from skfmap.shapes import ProbedShape
 
 __all__ = ["MATCHINGS", "Matcher", "Settings", "Solution", "embedding_distance", "odd_probes"]
@@ -24,7 +24,10 @@ _ODD = "oriented"
 
 
 class Settings(NamedTuple):
-    """Parameters that weights and errors belong to; setting them later has no effect before the next fit."""
+    """Parameters that weights and errors belong to.
+
+    Setting them later has no effect before the next fit.
+    """
 
     alpha: float
     normalize: str
@@ -34,14 +37,14 @@ class Settings(NamedTuple):
 
 
 class Solution(NamedTuple):
-    """Equation (2) for one shape: X_i(D), what is left there, and what is left of the shape's mirror image."""
+    """Equation (2) for one shape: X_i(D), the value there, and that for the mirrored shape."""
 
     C: FloatArray
     residual: float
     mirrored_residual: float
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Matcher:
     """What matching a new shape needs.
 
@@ -54,8 +57,8 @@ class Matcher:
     stable_basis : ndarray of shape (k, k)
         Y.
     residual_covariance, truncation_covariance : ndarray
-        How far learned maps, and known ones in all functions held, put the points of training shapes from where they
-        belong.
+        How far learned maps, and known ones in all functions held, put the points of training
+        shapes from where they belong.
     settings : Settings
         How equation (2) is set up, and which functions points are matched in.
     refinement : Refinement or None
@@ -68,13 +71,36 @@ class Matcher:
     residual_covariance: FloatArray
     truncation_covariance: FloatArray
     settings: Settings
-    refinement: Any = None
+    refinement: Refinement | None = None
 
     @classmethod
     def from_learned(
-        cls, training: TrainingSet, learned: LearnedMaps, *, matching: str, n_stable: int, refinement: Any = None
+        cls,
+        training: TrainingSet,
+        learned: LearnedMaps,
+        *,
+        matching: str,
+        n_stable: int,
+        refinement: Refinement | None = None,
     ) -> Self:
-        """Put together what was learned from a training set; shapes without a share are not asked."""
+        """Put together what was learned from a training set.
+
+        Parameters
+        ----------
+        training : TrainingSet
+            The training set; shapes without a share are not asked.
+        learned : LearnedMaps
+            What was learned from it.
+        matching, n_stable : str, int
+            As the learner's parameters; p.
+        refinement : Refinement, optional
+            How matches are refined.
+
+        Returns
+        -------
+        Matcher
+            What matches new shapes.
+        """
         rows = training.used
         size = min(len(training.known[i].truncation) for i in rows)
         residuals = [_residuals(training, i, learned.maps[i]) for i in rows]
@@ -86,9 +112,16 @@ class Matcher:
             stable_basis=learned.stable_basis,
             residual_covariance=np.average(residuals, axis=0, weights=share),
             truncation_covariance=np.average(truncations, axis=0, weights=share),
-            settings=Settings(options["alpha"], options["normalize"], learned.regularizer, matching, n_stable),
+            settings=Settings(
+                options.alpha, options.normalize, learned.regularizer, matching, n_stable
+            ),
             refinement=refinement,
         )
+
+    def __repr__(self) -> str:
+        """Return a line with the reference, the number of functions, and the refinement."""
+        k = len(self.stable_basis)
+        return f"Matcher({self.reference.name!r}, k={k}, refinement={self.refinement!r})"
 
     @property
     def probe_names(self) -> Array:
@@ -108,14 +141,29 @@ class Matcher:
         return trusted_functions(self.residual_covariance)
 
     def solve(self, shape: ProbedShape, *, mirrored: bool = False) -> Solution:
-        """Solve equation (2) for a shape, and for its mirror image if asked, from one factorisation.
+        """Solve equation (2) for a shape, and for its mirror image if asked.
 
-        Mirroring turns the sign of oriented probes on the right-hand side, and nothing else.
+        Mirroring turns the sign of oriented probes on the right-hand side, and nothing else: one
+        factorisation serves both.
+
+        Parameters
+        ----------
+        shape : ProbedShape
+            S_i.
+        mirrored : bool, default=False
+            Whether the mirror image is solved for too.
+
+        Returns
+        -------
+        Solution
+            X_i(D), which pulls functions on S_0 back to S_i, and the values of (2) there.
         """
         k, spectral_0 = len(self.stable_basis), self.reference.spectral
         alpha, normalize, regularizer = self.settings[:3]
         probes_0, probes_i = self.reference.probes[:k], shape.probes[:k]
-        scaled_0, scaled_i = (scale_by(probes_0, probes, normalize) for probes in (probes_0, probes_i))
+        scaled_0, scaled_i = (
+            scale_by(probes_0, probes, normalize) for probes in (probes_0, probes_i)
+        )
         penalty = penalty_of(shape.spectral.evals[:k], spectral_0.evals[:k], alpha, regularizer)
         equation = MapEquation(scaled_0, penalty, self.weights)
         C = equation.solve(scaled_i)
@@ -125,10 +173,25 @@ class Matcher:
             image = equation.objective(equation.solve(turned), turned)
         return Solution(C, equation.objective(C, scaled_i), image)
 
-    def match(self, shape: ProbedShape, C: FloatArray) -> tuple[PointMatch, PointMatch]:
-        """Match the points of a shape under its learned map; return the match before refinement and after."""
+    def match_points(self, shape: ProbedShape, C: FloatArray) -> tuple[PointMatch, PointMatch]:
+        """Match the points of a shape under its learned map (section 4.2), and refine the match.
+
+        Parameters
+        ----------
+        shape : ProbedShape
+            S_i.
+        C : ndarray of shape (k, k)
+            X_i(D).
+
+        Returns
+        -------
+        before, after : PointMatch
+            The match before refinement and after; point maps run from S_i to S_0.
+        """
         before = match_points(shape.spectral, self.reference.spectral, C, self.functions)
-        return before, before if self.refinement is None else self.refinement.refine(self, shape.spectral, before)
+        if self.refinement is None:
+            return before, before
+        return before, self.refinement.refine(self, shape.spectral, before)
 
 
 def odd_probes(shape: ProbedShape) -> BoolArray:
@@ -137,7 +200,10 @@ def odd_probes(shape: ProbedShape) -> BoolArray:
 
 
 def embedding_distance(shape: ProbedShape, match: PointMatch) -> float:
-    """Return the mean distance, by area, between the points of a shape and those that they are matched to."""
+    """Return the mean distance, by area, of the points of a shape from their matches.
+
+    In the embedding.
+    """
     distances = np.linalg.norm(match.points_i - match.points_0[match.p2p], axis=1)
     return float(np.average(distances, weights=shape.spectral.mass))
 

@@ -13,17 +13,24 @@ from skfmap.shapes import Correspondence, ProbedShape
 
 __all__ = ["medoid_index"]
 
-# Template points that distances are compared between.
+# Template points that distances are compared between: well spread, some sqrt(area) / 7 apart.
 _N_POINTS = 50
 
 
-def medoid_index(shapes: Sequence[ProbedShape], truths: Sequence[Correspondence], n_jobs: int | None) -> int:
-    """Return the shape with the least mean relative difference of geodesic distances to all others (section 3.1)."""
+def medoid_index(
+    shapes: Sequence[ProbedShape], truths: Sequence[Correspondence], n_jobs: int | None
+) -> int:
+    """Return the index of the shape that differs least from all others (section 3.1).
+
+    Shapes differ by the mean relative difference of geodesic distances between common points.
+    """
     common = truths[0].pairs[:, 1]
     for truth in truths[1:]:
         common = np.intersect1d(common, truth.pairs[:, 1])
     if len(common) < 2:
-        raise CorrespondenceError("reference='medoid' needs template points that all shapes have; name a shape.")
+        raise CorrespondenceError(
+            "reference='medoid' needs template points that all shapes have; name a shape."
+        )
     vertices = [_vertices_at(truth, common) for truth in truths]
     first = shapes[0].spectral.mesh
     spread, _ = farthest_vertices(first.vertices, first.faces, np.unique(vertices[0]), _N_POINTS)
@@ -43,4 +50,6 @@ def _vertices_at(truth: Correspondence, points: IntArray) -> IntArray:
 
 
 def _landmark_distances(shape: ProbedShape, landmarks: IntArray) -> FloatArray:
-    return heat_distances(shape.spectral.vertices, shape.spectral.mesh.faces, landmarks)[:, landmarks]
+    return heat_distances(shape.spectral.vertices, shape.spectral.mesh.faces, landmarks)[
+        :, landmarks
+    ]

@@ -1,19 +1,29 @@
-"""What any fitted model answers: a learner, a Pipeline that ends in one, or a fitted search over either."""
+"""What any fitted model answers: a learner, a Pipeline that ends in one, a fitted search.
+
+A learner, a Pipeline that ends in one, or a fitted search over either.
+"""
 
 from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 
-from skfmap._tools.types import FloatArray
+from skfmap._tools.types import FloatArray, Model
 from skfmap._tools.unwrap import learner_and_shapes
+from skfmap.refinement import Refinement
 from skfmap.shapes import Match
 
 __all__ = ["functional_maps", "match"]
 
 
-def match(model: Any, X: Sequence[Any], *, refine: Any = "fitted", interpolate: str | None = None) -> list[Match]:
-    """Match shapes with a fitted learner, a Pipeline that ends in one, or a fitted search over either.
+def match(
+    model: Model,
+    X: Sequence[Any],
+    *,
+    refine: str | Refinement | None = "fitted",
+    interpolate: str | None = None,
+) -> list[Match]:
+    """Match shapes with any fitted model.
 
     Parameters
     ----------
@@ -33,8 +43,8 @@ def match(model: Any, X: Sequence[Any], *, refine: Any = "fitted", interpolate: 
     return list(learner.match(shapes, refine=refine, interpolate=interpolate))
 
 
-def functional_maps(model: Any, X: Sequence[Any]) -> FloatArray:
-    """Return full functional maps, from the reference to each shape, by any model that `match` takes.
+def functional_maps(model: Model, X: Sequence[Any]) -> FloatArray:
+    """Return full functional maps, from the reference to each shape, by any fitted model.
 
     Parameters
     ----------

@@ -20,7 +20,7 @@ __all__ = ["INTERPOLATIONS", "MatchedShape", "match_shape", "no_match", "point_m
 
 INTERPOLATIONS = (None, "barycentric", "soft")
 
-# Vertices of the reference that a soft match is shared among.
+# Vertices of the reference that a soft match is shared among: a vertex and its ring.
 _N_SHARED = 8
 # Vertices of S_i at a time: memory of the candidate triangles.
 _CHUNK = 2000
@@ -35,26 +35,33 @@ class MatchedShape(NamedTuple):
 
 def point_map(matcher: Matcher, shape: ProbedShape) -> IntArray:
     """Return the vertex of S_0 for each vertex of S_i."""
-    return matcher.match(shape, matcher.solve(shape).C)[1].p2p
+    return matcher.match_points(shape, matcher.solve(shape).C)[1].p2p
 
 
 def match_shape(
-    matcher: Matcher, confidence: Confidence | None, shape: ProbedShape, interpolate: str | None, refined: bool
+    matcher: Matcher,
+    confidence: Confidence | None,
+    shape: ProbedShape,
+    interpolate: str | None,
+    refined: bool,
 ) -> MatchedShape:
-    """Match one shape and say how far to trust each vertex; answers are at the vertices that it came with.
+    """Match one shape, and say how far to trust each vertex.
 
-    ``refined`` tells whether the matcher's refinement is the one that ``confidence`` was fitted with.
+    Answers are at the vertices that the shape came with.
+
+    ``refined`` tells whether the matcher's refinement is the one that ``confidence`` was fitted
+    with.
     """
     solution = matcher.solve(shape, mirrored=True)
-    before, after = matcher.match(shape, solution.C)
+    before, after = matcher.match_points(shape, solution.C)
     match = Match(
-        after.p2p,
-        None,
-        None,
-        solution.C,
-        solution.C @ matcher.stable_basis[:, : matcher.settings.n_stable],
-        shape.name,
-        matcher.reference.name,
+        p2p=after.p2p,
+        expected_error=None,
+        confidence=None,
+        functional_map=solution.C,
+        reduced_map=solution.C @ matcher.stable_basis[:, : matcher.settings.n_stable],
+        name=shape.name,
+        reference_name=matcher.reference.name,
         refined_map=after.refined_map,
         n_supporting=count_supporting(matcher, shape, after),
         matrix=_matrix(matcher, after, interpolate),
@@ -72,13 +79,13 @@ def no_match(shape: SkippedShape, matcher: Matcher, *, assessed: bool) -> Match:
     n_i, mesh_0, k = shape.n_vertices, matcher.reference.spectral.mesh, len(matcher.stable_basis)
     unknown = np.full(n_i, np.nan) if assessed else None
     return Match(
-        np.full(n_i, -1),
-        unknown,
-        unknown,
-        np.full((k, k), np.nan),
-        np.full((k, matcher.settings.n_stable), np.nan),
-        shape.name,
-        matcher.reference.name,
+        p2p=np.full(n_i, -1),
+        expected_error=unknown,
+        confidence=unknown,
+        functional_map=np.full((k, k), np.nan),
+        reduced_map=np.full((k, matcher.settings.n_stable), np.nan),
+        name=shape.name,
+        reference_name=matcher.reference.name,
         n_supporting=np.zeros(n_i, dtype=np.int64),
         matrix=sp.csr_array((n_i, mesh_0.n_vertices)),
         inverse=np.full(mesh_0.n_vertices, -1),
@@ -87,7 +94,10 @@ def no_match(shape: SkippedShape, matcher: Matcher, *, assessed: bool) -> Match:
 
 
 def _matrix(matcher: Matcher, match: PointMatch, interpolate: str | None) -> SparseMatrix:
-    """Return the match as a sparse array of shape (n_vertices_i, n_vertices_0), rows summing to 1."""
+    """Return the match as a sparse array whose rows sum to 1.
+
+    Its shape is (n_vertices_i, n_vertices_0).
+    """
     n_i, n_0 = len(match.points_i), len(match.points_0)
     if interpolate == "barycentric":
         columns, weights = _barycentric(match, matcher.reference.spectral.mesh.faces)
@@ -105,7 +115,9 @@ def _soft(match: PointMatch) -> tuple[IntArray, FloatArray]:
     """Share each vertex among its nearest, by a Gaussian as wide as the distance to the nearest."""
     n_shared = min(_N_SHARED, len(match.points_0))
     distances, columns = (
-        NearestNeighbors(n_neighbors=n_shared, algorithm="brute").fit(match.points_0).kneighbors(match.points_i)
+        NearestNeighbors(n_neighbors=n_shared, algorithm="brute")
+        .fit(match.points_0)
+        .kneighbors(match.points_i)
     )
     width = np.maximum(distances[:, :1], 1e-12)
     weights = np.exp(-(np.square(distances) - np.square(width)) / (2 * np.square(width)))
@@ -123,7 +135,9 @@ def _barycentric(match: PointMatch, faces: IntArray) -> tuple[IntArray, FloatArr
         owner = np.repeat(np.arange(len(rows)), counts)
         within = np.arange(len(owner)) - np.repeat(np.cumsum(counts) - counts, counts)
         around = order[np.repeat(begin, counts) + within] // 3
-        coordinates, squared = nearest_on_triangles(match.points_i[rows[owner]], match.points_0[faces[around]])
+        coordinates, squared = nearest_on_triangles(
+            match.points_i[rows[owner]], match.points_0[faces[around]]
+        )
         by_distance = np.lexsort((squared, owner))
         nearest = by_distance[np.searchsorted(owner[by_distance], np.arange(len(rows)))]
         best_face[rows], best[rows] = around[nearest], coordinates[nearest]

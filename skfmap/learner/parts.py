@@ -1,58 +1,89 @@
-"""Parts that can be exchanged: a parameter takes a word, an object, or None, which switches the part off."""
+"""Parts that can be exchanged: a word or an object, or None, which switches a part off."""
 
-from collections.abc import Callable, Mapping
-from typing import Any
+import pickle
+from collections.abc import Mapping
+from typing import Any, TypeVar, cast
 
+import joblib
 from sklearn.base import clone
 
-from skfmap._tools.validation import check_choice
+from skfmap._tools.part import Part
 
 __all__ = ["check_part_is_object", "fit_part", "make_part", "same_part"]
 
+_Kind = TypeVar("_Kind", bound=Part)
 
-def make_part(value: Any, name: str, words: Mapping[str, Callable[[], Any]], method: str) -> Any:
-    """Return the object that a parameter stands for, fresh and unfitted, or None.
+
+def make_part(
+    value: object, name: str, words: Mapping[str, type[_Kind]], kind: type
+) -> _Kind | None:
+    """Return the part that a parameter stands for, its own parameters checked; None stays None.
 
     Parameters
     ----------
-    value : str, object or None
+    value : str, Part or None
         What was given.
     name : str
         Of the parameter.
     words : dict
-        What makes the object that a word stands for.
-    method : str
-        The method that an object must have.
+        The class that each word stands for.
+    kind : type
+        What an object must be.
+
+    Raises
+    ------
+    ValueError
+        If it is none of these.
     """
     if value is None:
         return None
-    if isinstance(value, (str, type)) or not hasattr(value, method):
-        return words[check_choice(value, name, (None, *words))]()
-    return clone(value)
+    if isinstance(value, str) and value in words:
+        return words[value]()
+    if not isinstance(value, kind):
+        told = ", ".join(map(repr, sorted(words)))
+        raise ValueError(
+            f"{name} must be one of {told}, None, or an object derived from {kind.__name__}; got "
+            f"{value!r}."
+        )
+    part = cast(_Kind, value)
+    part.check_parameters()
+    return part
 
 
-def fit_part(part: Any, training: Any, matcher: Any) -> Any:
+def fit_part(part: _Kind | None, training: object, matcher: object) -> _Kind | None:
     """Return a fitted clone of a part; None stays None."""
-    return None if part is None else clone(part).fit(training, matcher)
+    if part is None:
+        return None
+    fitted: _Kind = clone(part)
+    fitted.fit(training, matcher)
+    return fitted
 
 
-def same_part(one: Any, other: Any) -> bool:
+def same_part(one: Part | None, other: Part | None) -> bool:
     """Tell whether two parts do the same: of one class, with equal parameters."""
-    if one is None or other is None:
+    if one is other or one is None or other is None:
         return one is other
-    return type(one) is type(other) and repr(one.get_params()) == repr(other.get_params())
+    if type(one) is not type(other):
+        return False
+    try:
+        return bool(joblib.hash(one.get_params()) == joblib.hash(other.get_params()))
+    except (pickle.PicklingError, AttributeError, TypeError):
+        return False  # parameters that cannot be compared
 
 
 def check_part_is_object(
-    params: Mapping[str, Any], current: Mapping[str, Any], words: Mapping[str, Mapping[str, Any]]
+    params: Mapping[str, object],
+    current: Mapping[str, object],
+    words: Mapping[str, Mapping[str, type[Any]]],
 ) -> None:
-    """Raise where ``name__parameter`` is set while the part ``name`` is a word, or off."""
+    """Raise where ``name__parameter`` is set while the part ``name`` is a word, a class, or off."""
     for key in params:
         name, _, inner = key.partition("__")
         value = params.get(name, current.get(name))
-        if inner and name in words and (value is None or isinstance(value, str)):
-            example = words[name].get(value or "", next(iter(words[name].values())))
-            raise ValueError(
-                f"{key} cannot be set while {name} is {value!r}: give the object instead of the word, for instance "
-                f"{name}={example.__name__}()."
-            )
+        if not inner or name not in words or isinstance(value, Part):
+            continue
+        fitting = [one for one in words[name].values() if inner in one().get_params()]
+        advice = f", for instance {name}={fitting[0].__name__}()" if fitting else ""
+        raise ValueError(
+            f"{key} cannot be set while {name} is {value!r}: give the object instead{advice}."
+        )

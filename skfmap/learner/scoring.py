@@ -2,20 +2,21 @@
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 
+from skfmap._measures import PairErrors, pair_errors, reference_distances
+from skfmap._tools.caching import MemoryLike
 from skfmap._tools.types import IntArray
 from skfmap.learner.inputs import check_correspondences
-from skfmap.measures import PairErrors, pair_errors, reference_distances
 from skfmap.shapes import Correspondence, ProbedShape
 from skfmap.shapes.given_vertices import given_numbers
-from skfmap.shapes.usable import Usable, put_back
+from skfmap.shapes.usable import Answer, Usable, put_back
 
 __all__ = ["score_point_maps"]
 
-# References up to this many vertices have all their distances computed for a score: 256 MB as float32.
+# References up to this many vertices have all their distances computed for a score: 256 MB as
+# float32.
 _N_ALL_ROWS = 8000
 
 
@@ -26,12 +27,12 @@ def score_point_maps(
     reference: ProbedShape,
     truth_0: Correspondence,
     *,
-    reference_y: Any = None,
+    reference_y: Answer | None = None,
     method: str = "heat",
-    memory: Any = None,
+    memory: MemoryLike = None,
     n_jobs: int | None = None,
 ) -> list[PairErrors]:
-    """Return the errors of point maps at the pairs that each shape shares with the reference, in the order of X."""
+    """Return the errors of point maps at known pairs, in the order of X."""
     distances = reference_distances(reference.spectral.mesh, method, memory=memory, n_jobs=n_jobs)
     if reference_y is not None:
         (truth_0,) = check_correspondences([reference_y], [reference])
@@ -54,4 +55,8 @@ def _vertices_of(truth: Correspondence) -> IntArray:
 def _as_given(errors: PairErrors, shape: ProbedShape) -> PairErrors:
     """Return errors at the vertices that the shape came with."""
     vertex_map = shape.spectral.vertex_map
-    return errors if vertex_map is None else replace(errors, vertices=given_numbers(vertex_map)[errors.vertices])
+    return (
+        errors
+        if vertex_map is None
+        else replace(errors, vertices=given_numbers(vertex_map)[errors.vertices])
+    )

@@ -2,25 +2,59 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, NamedTuple, Self
+from typing import Any, NamedTuple, Self, TypeAlias
 
 import numpy as np
 
+from skfmap._tools.caching import MemoryLike
 from skfmap._tools.types import FloatArray, IntArray
 from skfmap._tools.validation import check_sample_weight
 from skfmap.exceptions import CorrespondenceError, MeshError
 from skfmap.functional.learning import LearnedMaps, learn_functional_maps
+from skfmap.functional.regularization import Regularizer
 from skfmap.ground_truth import KnownMap, check_landmarks, join_with_reference, known_maps
 from skfmap.learner.inputs import check_correspondences, check_shapes
 from skfmap.learner.medoid import medoid_index
 from skfmap.shapes import Correspondence, JoinedPairs, ProbedShape, SkippedShape
-from skfmap.shapes.usable import describe, skipped_message
+from skfmap.shapes.usable import Answer, ProbedItem, describe, skipped_message
 
-__all__ = ["FitRecord", "TrainingSet"]
+__all__ = ["FitRecord", "LearningOptions", "TrainingSet"]
+
+Weighting: TypeAlias = str | Sequence[Any] | Callable[..., Any] | None
+
+
+class LearningOptions(NamedTuple):
+    """Parameters of `learn_functional_maps`, as the learner has them."""
+
+    weighting: Weighting = "function"
+    categories: Sequence[str] | None = None
+    epsilon: float | str = "auto"
+    alpha: float = 0.01
+    regularizer: str | Regularizer = "laplacian"
+    normalize: str = "shape"
+    max_iter: int = 1000
+    tol: float = 1e-4
+
+    def resolved(self, reference: ProbedShape) -> Self:
+        """Return options that need no names: a callable ``weighting`` is asked for labels."""
+        weighting = self.weighting
+        if callable(weighting):
+            labels = weighting(list(reference.probe_names), list(reference.probe_categories))
+            if isinstance(labels, str) or not hasattr(labels, "__iter__"):
+                raise TypeError(
+                    f"weighting must return one label for each probe; it returned {labels!r}."
+                )
+            weighting = list(labels)
+        return self._replace(weighting=weighting, categories=reference.probe_categories)
 
 
 class FitRecord(NamedTuple):
-    """What a fitted learner remembers of its training set and of the search, which do not outlive `fit`."""
+    """What a fitted learner remembers of its training set and of the search.
+
+    Neither of these outlives `fit`.
+
+    It do not outlive `fit`.
+    """
 
     reference_index: int
     reference_correspondence: Correspondence
@@ -38,7 +72,7 @@ class FitRecord(NamedTuple):
         return self.loss_curve[-1]
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class TrainingSet:
     """The reference and the other training shapes, with what is known of them.
 
@@ -60,8 +94,8 @@ class TrainingSet:
         Share of each shape in equation (3).
     k : int
         Number of functions.
-    options : dict
-        Parameters of `learn_functional_maps`.
+    options : LearningOptions
+        How it is learned from.
     skipped : str
         Which shapes of X were left out and why; empty if none was.
     n_given : int
@@ -80,27 +114,30 @@ class TrainingSet:
     known: list[KnownMap]
     share: FloatArray
     k: int
-    options: dict[str, Any]
+    options: LearningOptions
     skipped: str
     n_given: int
-    memory: Any
+    memory: MemoryLike
     n_jobs: int | None
 
     @classmethod
     def from_samples(
         cls,
-        X: Sequence[Any],
-        y: Sequence[Any],
+        X: Sequence[ProbedItem],
+        y: Sequence[Answer],
         sample_weight: Sequence[float] | None = None,
         *,
         n_functions: int,
         reference: str = "first",
         on_invalid: str = "raise",
-        options: dict[str, Any] | None = None,
-        memory: Any = None,
+        options: LearningOptions | None = None,
+        memory: MemoryLike = None,
         n_jobs: int | None = None,
     ) -> Self:
-        """Sort out the samples, join their correspondences with the reference's, and fit the known maps."""
+        """Sort out the samples, join them with the reference, and fit the known maps.
+
+        Fit the known maps.
+        """
         given = check_shapes(X, n_functions)
         answers = check_correspondences(y, given, skip=on_invalid == "skip")
         share = check_sample_weight(sample_weight, len(given))
@@ -112,13 +149,25 @@ class TrainingSet:
                 for i, (answer, shape) in enumerate(zip(answers, given, strict=True))
             ]
         skipped = skipped_message(answers)
-        rest = [i for i, answer in enumerate(answers) if i != index and not isinstance(answer, SkippedShape)]
+        rest = [
+            i
+            for i, answer in enumerate(answers)
+            if i != index and not isinstance(answer, SkippedShape)
+        ]
         if not rest:
-            raise ValueError(f"Give at least two shapes: the reference and one to learn from; got 1. {skipped}".strip())
+            raise ValueError(
+                "Give at least two shapes: the reference and one to learn from; got 1."
+                + (f" {skipped}" if skipped else "")
+            )
         if not share[rest].any():
-            raise ValueError("sample_weight is zero for every shape but the reference; there is nothing to learn from.")
+            raise ValueError(
+                "sample_weight is zero for every shape but the reference; there is nothing to "
+                "learn from."
+            )
         shapes, truths = [given[i] for i in rest], [answers[i] for i in rest]
-        joins = [join_with_reference(t, s, truth_0, shape_0) for t, s in zip(truths, shapes, strict=True)]
+        joins = [
+            join_with_reference(t, s, truth_0, shape_0) for t, s in zip(truths, shapes, strict=True)
+        ]
         known = known_maps(shapes, shape_0, joins, n_functions, memory=memory, n_jobs=n_jobs)
         return cls(
             reference=shape_0,
@@ -131,12 +180,16 @@ class TrainingSet:
             known=known,
             share=share[rest],
             k=n_functions,
-            options=_resolved(options or {}, shape_0),
+            options=(options or LearningOptions()).resolved(shape_0),
             skipped=skipped,
             n_given=len(given),
             memory=memory,
             n_jobs=n_jobs,
         )
+
+    def __repr__(self) -> str:
+        """Return a line with the reference and the number of shapes."""
+        return f"TrainingSet({self.reference.name!r}, n_shapes={len(self.shapes)}, k={self.k})"
 
     @property
     def used(self) -> IntArray:
@@ -164,7 +217,8 @@ class TrainingSet:
     def only(self, rows: IntArray) -> Self:
         """Return the training set of some of the shapes, and the reference."""
         parts: dict[str, Any] = {
-            name: [getattr(self, name)[i] for i in rows] for name in ("shapes", "truths", "joins", "known")
+            name: [getattr(self, name)[i] for i in rows]
+            for name in ("shapes", "truths", "joins", "known")
         }
         return replace(self, **parts, indices=self.indices[rows], share=self.share[rows])
 
@@ -181,48 +235,78 @@ class TrainingSet:
         }
 
     def learn(
-        self, *, n_threads: int = 1, callback: Callable[..., bool | None] | None = None, **changes: Any
+        self,
+        *,
+        n_threads: int = 1,
+        callback: Callable[..., bool | None] | None = None,
+        **changes: Any,
     ) -> LearnedMaps:
-        """Learn weights and stable basis; ``changes`` are of the options."""
+        """Learn weights and stable basis (equations 3 and 4, section 4.1).
+
+        Parameters
+        ----------
+        n_threads, callback : int, callable
+            As of `learn_functional_maps`.
+        **changes : optional
+            Options other than those of the training set.
+
+        Returns
+        -------
+        LearnedMaps
+            What was learned.
+        """
         return learn_functional_maps(
-            **self.arrays(), **{**self.options, **changes}, n_threads=n_threads, callback=callback
+            **self.arrays(),
+            **self.options._replace(**changes)._asdict(),
+            n_threads=n_threads,
+            callback=callback,
         )
 
 
-def _reference_index(reference: str, shapes: Sequence[Any], truths: Sequence[Any], n_jobs: int | None) -> int:
+def _reference_index(
+    reference: str, shapes: Sequence[Any], truths: Sequence[Any], n_jobs: int | None
+) -> int:
     """Return the index of the reference; one that cannot be used is an error."""
     index = _index_of(reference, shapes, truths, n_jobs)
     for what in (shapes[index], truths[index]):
         if isinstance(what, SkippedShape):
             raise MeshError(
-                f"The reference, {describe(index, what)}, cannot be used: {what.reason} Mend it or choose another."
+                f"The reference, {describe(index, what)}, cannot be used: {what.reason} Mend it "
+                "or choose another."
             )
     if shapes[index].spectral.vertex_map is not None:
         raise MeshError(
-            f"The vertices of the reference, {describe(index, shapes[index])}, have other numbers since it was "
-            "mended, and matches refer to them. Mend it with repair_mesh first, and use that mesh and its numbers."
+            f"The vertices of the reference, {describe(index, shapes[index])}, have other numbers "
+            "since it was mended, and matches refer to them. Mend it with repair_mesh first, and "
+            "use that mesh and its numbers."
         )
     return index
 
 
-def _index_of(reference: str, shapes: Sequence[Any], truths: Sequence[Any], n_jobs: int | None) -> int:
+def _index_of(
+    reference: str, shapes: Sequence[Any], truths: Sequence[Any], n_jobs: int | None
+) -> int:
     if reference == "first":
         return 0
     if reference == "medoid":
         sound = [i for i in range(len(shapes)) if not isinstance(truths[i], SkippedShape)]
         if not sound:
-            raise MeshError(f"No shape can be used: {truths[0].reason} All others are left out too.")
+            raise MeshError(
+                f"No shape can be used: {truths[0].reason} All others are left out too."
+            )
         return sound[medoid_index([shapes[i] for i in sound], [truths[i] for i in sound], n_jobs)]
     names = [shape.name for shape in shapes]
     if names.count(reference) != 1:
         raise ValueError(
-            f"reference={reference!r} must name exactly one of the training shapes; got {names}. In a search "
-            "that resamples, keep it in every fold with PinnedReference."
+            f"reference={reference!r} must name exactly one of the training shapes; got {names}. "
+            "In a search that resamples, keep it in every fold with PinnedReference."
         )
     return names.index(reference)
 
 
-def _or_skipped(truth: Any, shape: Any, truth_0: Correspondence, reference: ProbedShape, k: int) -> Any:
+def _or_skipped(
+    truth: Any, shape: Any, truth_0: Correspondence, reference: ProbedShape, k: int
+) -> Any:
     """Return the correspondence, or why there is nothing to be learned from it."""
     if isinstance(truth, SkippedShape):
         return truth
@@ -231,14 +315,3 @@ def _or_skipped(truth: Any, shape: Any, truth_0: Correspondence, reference: Prob
     except CorrespondenceError as error:
         return SkippedShape(shape.name, str(error))
     return truth
-
-
-def _resolved(options: dict[str, Any], reference: ProbedShape) -> dict[str, Any]:
-    """Return options that need no names: a callable ``weighting`` is asked for the label of each probe."""
-    weighting = options.get("weighting", "function")
-    if callable(weighting):
-        labels = weighting(list(reference.probe_names), list(reference.probe_categories))
-        if isinstance(labels, str) or not hasattr(labels, "__iter__"):
-            raise TypeError(f"weighting must return one label for each probe; it returned {labels!r}.")
-        weighting = list(labels)
-    return {**options, "weighting": weighting, "categories": reference.probe_categories}

@@ -1,4 +1,7 @@
-"""Pictures of functions on meshes, of matches and of learned models; matplotlib without a screen, or pages to turn."""
+"""Pictures of functions on meshes, of matches and of learned models.
+
+Figures of matplotlib, which need no screen, and pages in which shapes can be turned.
+"""
 
 from skfmap.plotting._basis_error import BasisErrorDisplay
 from skfmap.plotting._camera import Camera

@@ -1,10 +1,13 @@
 """Axes to draw curves on."""
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from skfmap._tools.types import FloatArray
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
 
 __all__ = ["axes_or_new", "finish", "of_known_shapes"]
 
@@ -12,7 +15,7 @@ __all__ = ["axes_or_new", "finish", "of_known_shapes"]
 _COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
 
 
-def axes_or_new(ax: Any) -> Any:
+def axes_or_new(ax: "Axes | None") -> "Axes":
     """Return ``ax``, or those of a new figure; where nothing is drawn yet, colours are set."""
     from matplotlib import pyplot as plt  # noqa: PLC0415
 
@@ -31,8 +34,8 @@ def of_known_shapes(differences: FloatArray) -> FloatArray:
     return np.asarray(differences if differences.ndim == 2 else stacked[known])
 
 
-def finish(ax: Any, **labels: Any) -> None:
-    """Label axes in the reader's words, with a grid that stays behind, and a legend if anything has a name."""
+def finish(ax: "Axes", **labels: Any) -> None:
+    """Label axes in the reader's words, with a grid behind, and a legend if anything has a name."""
     ax.set(**labels)
     ax.grid(alpha=0.25, linewidth=0.6)
     ax.set_axisbelow(True)

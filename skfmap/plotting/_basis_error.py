@@ -1,19 +1,27 @@
 """How well each function of Y is mapped (equation 5; figure 5, left)."""
 
 from collections.abc import Sequence
-from typing import Any, Self
+from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
+from numpy.typing import ArrayLike
+from sklearn.base import BaseEstimator
 
 from skfmap._tools.unwrap import learner_and_shapes
 from skfmap.metrics import basis_error
 from skfmap.plotting._axes import axes_or_new, finish, of_known_shapes
+from skfmap.shapes import Correspondence
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
 
 __all__ = ["BasisErrorDisplay"]
 
 
 class BasisErrorDisplay:
-    """Error (5) of the functions of Y, in the order that training gave them: rising, if that order holds.
+    """Error (5) of the functions of Y, the most stable one first.
+
+    The curve rises where the order that training found holds for the shapes that are drawn.
 
     Parameters
     ----------
@@ -35,18 +43,26 @@ class BasisErrorDisplay:
     --------
     >>> import numpy as np
     >>> from skfmap.plotting import BasisErrorDisplay
-    >>> display = BasisErrorDisplay.from_predictions(np.eye(3), np.diag([1.0, 0.75, 0.5]), np.eye(3))
+    >>> Y = np.eye(3)
+    >>> display = BasisErrorDisplay.from_predictions(np.eye(3), np.diag([1.0, 0.75, 0.5]), Y)
     >>> display.errors.tolist()
     [[0.0, 0.25, 0.5]]
     """
 
-    def __init__(self, errors: Any, *, name: str | None = None) -> None:
+    def __init__(self, errors: ArrayLike, *, name: str | None = None) -> None:
         self.errors = errors
         self.name = name
 
     @classmethod
     def from_estimator(
-        cls, model: Any, X: Sequence[Any], y: Sequence[Any], *, name: str | None = None, ax: Any = None, **kwargs: Any
+        cls,
+        model: BaseEstimator,
+        X: Sequence[Any],
+        y: Sequence[Correspondence | ArrayLike],
+        *,
+        name: str | None = None,
+        ax: "Axes | None" = None,
+        **kwargs: Any,
     ) -> Self:
         """Draw how well a fitted model maps its stable functions to shapes of known correspondence.
 
@@ -75,12 +91,12 @@ class BasisErrorDisplay:
     @classmethod
     def from_predictions(
         cls,
-        maps: Any,
-        known_maps: Any,
-        stable_basis: Any,
+        maps: ArrayLike,
+        known_maps: ArrayLike,
+        stable_basis: ArrayLike,
         *,
         name: str | None = None,
-        ax: Any = None,
+        ax: "Axes | None" = None,
         **kwargs: Any,
     ) -> Self:
         """Draw how far functional maps of a basis are from the known ones.
@@ -99,12 +115,16 @@ class BasisErrorDisplay:
         BasisErrorDisplay
             What was drawn.
         """
-        maps, known_maps, Y = (np.asarray(array, dtype=np.float64) for array in (maps, known_maps, stable_basis))
+        maps, known_maps, Y = (
+            np.asarray(array, dtype=np.float64) for array in (maps, known_maps, stable_basis)
+        )
         differences = of_known_shapes((maps - known_maps).reshape(-1, *maps.shape[-2:]))
-        errors = [basis_error(difference, np.zeros_like(difference), Y) for difference in differences]
+        errors = [
+            basis_error(difference, np.zeros_like(difference), Y) for difference in differences
+        ]
         return cls(np.stack(errors), name=name).plot(ax, **kwargs)
 
-    def plot(self, ax: Any = None, *, name: str | None = None, **kwargs: Any) -> Self:
+    def plot(self, ax: "Axes | None" = None, *, name: str | None = None, **kwargs: Any) -> Self:
         """Draw the curve; several may share axes.
 
         Parameters

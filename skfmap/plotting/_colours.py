@@ -1,9 +1,10 @@
 """Colours: perceptually uniform, and told apart by the colour-blind."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from skfmap._tools.ties import ROUNDING, first_of_largest
 from skfmap._tools.types import FloatArray
@@ -38,7 +39,7 @@ class Scale:
     high: float
     label: str = ""
 
-    def colours(self, values: Any) -> FloatArray:
+    def colours(self, values: ArrayLike) -> FloatArray:
         """Return the colours of values, shape (n, 3); masked and undefined values are grey."""
         import matplotlib as mpl  # noqa: PLC0415
 
@@ -49,14 +50,22 @@ class Scale:
         return np.asarray(colours)
 
 
-def undefined_as_nan(values: Any) -> FloatArray:
+def undefined_as_nan(values: ArrayLike) -> FloatArray:
     """Return values as floats, NaN where they are masked or infinite."""
     filled = np.ma.filled(np.ma.asarray(values).astype(np.float64), np.nan)
     return np.where(np.isfinite(filled), filled, np.nan)
 
 
-def scale_of(values: list[Any], cmap: str | None = None, limits: Any = None, label: str = "") -> Scale:
-    """Return one scale for several functions: diverging about zero if they have both signs, else sequential."""
+def scale_of(
+    values: Sequence[ArrayLike],
+    cmap: str | None = None,
+    limits: Sequence[float] | None = None,
+    label: str = "",
+) -> Scale:
+    """Return one scale for several functions.
+
+    It diverges about zero if they have both signs, and is sequential otherwise.
+    """
     known = np.concatenate([undefined_as_nan(one) for one in values])
     known = known[~np.isnan(known)]
     low, high = (float(known.min()), float(known.max())) if len(known) else (0.0, 1.0)
@@ -69,7 +78,7 @@ def scale_of(values: list[Any], cmap: str | None = None, limits: Any = None, lab
     return Scale(cmap or (DIVERGING if low < 0 < high else SEQUENTIAL), low, high, label)
 
 
-def _checked_limits(limits: Any) -> tuple[float, float]:
+def _checked_limits(limits: object) -> tuple[float, float]:
     ends = as_reals(limits, "limits")
     if ends.shape != (2,) or not np.isfinite(ends).all() or not ends[0] < ends[1]:
         raise ValueError(f"limits must be two numbers, the lower first; got {limits!r}.")
@@ -86,19 +95,23 @@ def _check_cmap(cmap: str) -> None:
 def colours_of_position(mesh: Mesh) -> FloatArray:
     """Return a colour for each vertex that tells where on the mesh it is.
 
-    Along the longest axis colours go from blue to yellow, which nearly everyone can tell apart; along the shortest from
-    dark green to light red, and along the third they become lighter (Oklab, Ottosson 2020).
+    Along the longest axis colours go from blue to yellow, which nearly everyone can tell apart;
+    along the shortest from dark green to light red, and along the third they become lighter.
     """
     centred = mesh.vertices - mesh.vertices.mean(axis=0)
     _, axes = np.linalg.eigh(centred.T @ centred)
     largest = np.array([axis[first_of_largest(np.abs(axis), ROUNDING)] for axis in axes.T])
     axes = axes * np.where(largest < 0, -1, 1)
     along = centred @ axes
-    short, middle, long = (2 * (along - along.min(axis=0)) / np.maximum(np.ptp(along, axis=0), 1e-300) - 1).T
+    short, middle, long = (
+        2 * (along - along.min(axis=0)) / np.maximum(np.ptp(along, axis=0), 1e-300) - 1
+    ).T
+    # Chosen by eye: strong colours of which few leave sRGB (3 % of the points of a ball, clipped).
     return _srgb_of_oklab(0.68 + 0.07 * middle + 0.09 * short, 0.13 * short, 0.13 * long)
 
 
 def _srgb_of_oklab(lightness: FloatArray, red: FloatArray, yellow: FloatArray) -> FloatArray:
+    """Return sRGB (IEC 61966-2-1) of Oklab (B. Ottosson, "A perceptual color space", 2020)."""
     roots = np.column_stack(
         [
             lightness + 0.3963377774 * red + 0.2158037573 * yellow,

@@ -1,14 +1,22 @@
 """How many points are matched how well (figure 5, right)."""
 
 from collections.abc import Sequence
-from typing import Any, Self
+from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
+from numpy.typing import ArrayLike
+from sklearn.base import BaseEstimator
 
+from skfmap._tools.types import FloatArray
 from skfmap._tools.unwrap import learner_and_shapes
 from skfmap._tools.validation import check_choice
 from skfmap.metrics import ERROR_KINDS, PairErrors, error_curve
 from skfmap.plotting._axes import axes_or_new, finish
+from skfmap.refinement import Refinement
+from skfmap.shapes import Correspondence
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
 
 __all__ = ["ErrorCurveDisplay"]
 
@@ -52,7 +60,14 @@ class ErrorCurveDisplay:
     75.0
     """
 
-    def __init__(self, errors: Any, *, weights: Any = None, kind: str = "direct", name: str | None = None) -> None:
+    def __init__(
+        self,
+        errors: ArrayLike,
+        *,
+        weights: FloatArray | None = None,
+        kind: str = "direct",
+        name: str | None = None,
+    ) -> None:
         self.errors = errors
         self.weights = weights
         self.kind = kind
@@ -61,17 +76,17 @@ class ErrorCurveDisplay:
     @classmethod
     def from_estimator(
         cls,
-        model: Any,
+        model: BaseEstimator,
         X: Sequence[Any],
-        y: Sequence[Any],
+        y: Sequence[Correspondence | ArrayLike],
         *,
         kind: str = "direct",
         matching: str = "fitted",
-        n_stable: Any = "fitted",
-        refine: Any = "fitted",
-        reference_y: Any = None,
+        n_stable: float | str | None = "fitted",
+        refine: Refinement | str | None = "fitted",
+        reference_y: Correspondence | ArrayLike | None = None,
         name: str | None = None,
-        ax: Any = None,
+        ax: "Axes | None" = None,
         **kwargs: Any,
     ) -> Self:
         """Match shapes of known correspondence with a fitted model and draw the errors.
@@ -85,7 +100,8 @@ class ErrorCurveDisplay:
         kind : {"direct", "consistent", "per_vertex"}, default="direct"
             What symmetric answers count for; see `skfmap.metrics`.
         matching, n_stable, refine, reference_y : optional
-            As in `skfmap.WeightedFunctionalMapLearner.pair_errors`: ``matching="cut", n_stable=1.0`` are full maps.
+            As in `skfmap.WeightedFunctionalMapLearner.pair_errors`: ``matching="cut",
+            n_stable=1.0`` are full maps.
         name : str, optional
             In the legend.
         ax : matplotlib Axes, optional
@@ -106,7 +122,13 @@ class ErrorCurveDisplay:
 
     @classmethod
     def from_predictions(
-        cls, errors: Any, *, kind: str = "direct", name: str | None = None, ax: Any = None, **kwargs: Any
+        cls,
+        errors: PairErrors | Sequence[PairErrors | float] | FloatArray,
+        *,
+        kind: str = "direct",
+        name: str | None = None,
+        ax: "Axes | None" = None,
+        **kwargs: Any,
     ) -> Self:
         """Draw errors that were computed before.
 
@@ -123,18 +145,24 @@ class ErrorCurveDisplay:
             What was drawn.
         """
         check_choice(kind, "kind", ERROR_KINDS)
-        weights = None
-        if isinstance(errors, PairErrors):
-            errors = [errors]
-        known = [one for one in errors if not isinstance(one, PairErrors) or len(one.vertices)]
-        if not known:
+        given = [errors] if isinstance(errors, PairErrors) else list(errors)
+        pairs = [one for one in given if isinstance(one, PairErrors)]
+        if len(pairs) < len(given):
+            return cls(np.asarray(errors), kind=kind, name=name).plot(ax, **kwargs)
+        if not any(len(one.vertices) for one in pairs):
             raise ValueError("There is nothing to draw: no errors, or no shape could be used.")
-        if isinstance(errors, (list, tuple)) and all(isinstance(one, PairErrors) for one in errors):
-            weights = np.concatenate([one.weights for one in errors])
-            errors = np.concatenate([one.of_kind(kind) for one in errors])
-        return cls(np.asarray(errors), weights=weights, kind=kind, name=name).plot(ax, **kwargs)
+        weights = np.concatenate([one.weights for one in pairs])
+        values = np.concatenate([one.of_kind(kind) for one in pairs])
+        return cls(values, weights=weights, kind=kind, name=name).plot(ax, **kwargs)
 
-    def plot(self, ax: Any = None, *, name: str | None = None, largest: float = 0.25, **kwargs: Any) -> Self:
+    def plot(
+        self,
+        ax: "Axes | None" = None,
+        *,
+        name: str | None = None,
+        largest: float = 0.25,
+        **kwargs: Any,
+    ) -> Self:
         """Draw the curve; several may share axes.
 
         Parameters

@@ -1,15 +1,20 @@
-"""Shapes to turn, in a page that any browser opens without a server or a network; drawn by plotly, an extra."""
+"""Pages in which shapes can be turned; any browser opens them without a server or a network.
+
+They are drawn by plotly, which is installed by the extra ``pages``.
+"""
 
 import html
 import json
 from collections.abc import Sequence
 from pathlib import Path
+from types import ModuleType
 from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from skfmap._tools.types import FloatArray, IntArray
-from skfmap._tools.validation import check_place
+from skfmap._tools.validation import check_folder
 from skfmap.metrics import PairErrors
 from skfmap.plotting._camera import Camera
 from skfmap.plotting._colours import UNKNOWN, Scale, undefined_as_nan
@@ -20,13 +25,22 @@ __all__ = ["write_functions_page", "write_matches_page"]
 
 # Browsers keep some sixteen contexts of WebGL, one per shape.
 _MOST_PANELS = 12
-_SIZE = 320  # pixels of a panel
-_COLUMNS = 4
-_ABOVE, _BELOW, _RIGHT = 90, 20, 110  # pixels around the panels, for buttons and scales
-# The last two: normals of small triangles count too.
-_LIGHTING = {"ambient": 0.45, "diffuse": 0.6, "specular": 0.1, "facenormalsepsilon": 0, "vertexnormalsepsilon": 0}
+# Pixels of a panel, of which four beside each other fit a screen 1,400 wide, and around the panels,
+# for buttons and scales.
+_SIZE, _COLUMNS = 320, 4
+_ABOVE, _BELOW, _RIGHT = 90, 20, 110
+# Light and camera were chosen by eye; the last two let normals of small triangles count too.
+_LIGHTING = {
+    "ambient": 0.45,
+    "diffuse": 0.6,
+    "specular": 0.1,
+    "facenormalsepsilon": 0,
+    "vertexnormalsepsilon": 0,
+}
 _LIGHT = {"x": 30_000, "y": -60_000, "z": 90_000}
 _ZOOM, _DISTANCE = 2.7, 4.0
+# A scale of colours is drawn from so many of them.
+_N_STOPS = 33
 
 # Turning one shape turns all: the camera of the one that moved is given to the others.
 _LINK_CAMERAS = """
@@ -40,7 +54,9 @@ function follow(change) {
   if (busy || !moved) return;
   busy = true;
   const update = {};
-  for (const scene of scenes) if (scene !== moved) update[scene + '.camera'] = change[moved + '.camera'];
+  for (const scene of scenes) {
+    if (scene !== moved) update[scene + '.camera'] = change[moved + '.camera'];
+  }
   Plotly.relayout(page, update).then(() => { busy = false; }, () => { busy = false; });
 }
 """
@@ -49,12 +65,12 @@ function follow(change) {
 def write_functions_page(
     path: str | Path,
     meshes: Sequence[Any],
-    functions: Sequence[Any],
+    functions: Sequence[ArrayLike],
     *,
     captions: Sequence[str] | None = None,
     labels: Sequence[str] | None = None,
     cmap: str | None = None,
-    limits: Any = None,
+    limits: Sequence[float] | None = None,
     camera: Camera | None = None,
 ) -> Path:
     """Write a page with functions on shapes that can be turned; buttons choose the function.
@@ -62,7 +78,8 @@ def write_functions_page(
     Parameters
     ----------
     path : str or Path
-        File to write, ``.html``. It holds all that it needs, some 5 MB, and opens without a network.
+        File to write, ``.html``. It holds all that it needs, some 5 MB, and opens without a
+        network.
     meshes, functions, captions, labels, cmap, limits, camera : optional
         As in `plot_functions`. At most twelve shapes.
 
@@ -76,7 +93,8 @@ def write_functions_page(
     ImportError
         If plotly is not installed.
     ValueError
-        If meshes, functions and texts do not fit each other, or if there are more than twelve shapes.
+        If meshes, functions and texts do not fit each other, or if there are more than twelve
+        shapes.
 
     Examples
     --------
@@ -85,7 +103,8 @@ def write_functions_page(
     >>> from skfmap.plotting import write_functions_page
     >>> sphere = make_sphere(n_subdivisions=3)
     >>> path = tempfile.mkdtemp() + "/sphere.html"
-    >>> write_functions_page(path, [sphere], [sphere.vertices[:, 2]], labels=["height"]).stat().st_size > 1e6
+    >>> height = sphere.vertices[:, 2]
+    >>> write_functions_page(path, [sphere], [height], labels=["height"]).stat().st_size > 1e6
     True
     """
     scene = scene_of_functions(
@@ -106,14 +125,16 @@ def write_matches_page(
     camera: Camera | None = None,
     align: bool = True,
 ) -> Path:
-    """Write a page with matched shapes that can be turned; buttons choose what is shown of the matches.
+    """Write a page with matched shapes that can be turned; buttons choose what is shown of them.
 
-    The number of a vertex, and of the vertex of the reference that it is sent to, appear under the pointer.
+    The index of a vertex, and that of the vertex of the reference that it is matched to, appear
+    under the pointer.
 
     Parameters
     ----------
     path : str or Path
-        File to write, ``.html``. It holds all that it needs, some 5 MB, and opens without a network.
+        File to write, ``.html``. It holds all that it needs, some 5 MB, and opens without a
+        network.
     matches, meshes, reference, show, errors, captions, camera, align : optional
         As in `plot_matches`. At most eleven shapes beside the reference.
 
@@ -130,7 +151,14 @@ def write_matches_page(
         If matches, meshes and reference do not fit each other, or if there are more than eleven.
     """
     scene = scene_of_matches(
-        matches, meshes, reference, show=show, errors=errors, captions=captions, camera=camera, align=align
+        matches,
+        meshes,
+        reference,
+        show=show,
+        errors=errors,
+        captions=captions,
+        camera=camera,
+        align=align,
     )
     return _write(scene, path, [None, *(match.p2p for match in matches)], "Matches")
 
@@ -141,8 +169,8 @@ def _write(scene: Scene, path: str | Path, targets: Sequence[IntArray | None], t
         raise ValueError(f"A page is an .html file; got {str(path)!r}.")
     if len(scene.panels) > _MOST_PANELS:
         raise ValueError(
-            f"A page holds at most {_MOST_PANELS} shapes, since browsers keep few WebGL contexts; got "
-            f"{len(scene.panels)}. Write several pages, or pictures."
+            f"A page holds at most {_MOST_PANELS} shapes, since browsers keep few WebGL contexts; "
+            f"got {len(scene.panels)}. Write several pages, or pictures."
         )
     go = _plotly()
     figure = go.Figure(layout=_layout(scene))
@@ -152,20 +180,24 @@ def _write(scene: Scene, path: str | Path, targets: Sequence[IntArray | None], t
         figure.add_trace(_scale_bar(go, scale, label, visible=row == 0))
     names = json.dumps([_scene_name(column) for column in range(len(scene.panels))])
     text = figure.to_html(
-        include_plotlyjs=True, post_script=_LINK_CAMERAS % names, config={"displaylogo": False, "responsive": False}
+        include_plotlyjs=True,
+        post_script=_LINK_CAMERAS % names,
+        config={"displaylogo": False, "responsive": False},
     )
-    text = text.replace("<head>", f'<head><meta charset="utf-8" /><title>skfmap: {title}</title>', 1)
-    check_place(path).write_text(text, encoding="utf-8")
+    text = text.replace(
+        "<head>", f'<head><meta charset="utf-8" /><title>skfmap: {title}</title>', 1
+    )
+    check_folder(path).write_text(text, encoding="utf-8")
     return Path(path)
 
 
-def _plotly() -> Any:
+def _plotly() -> ModuleType:
     try:
         import plotly.graph_objects as go  # noqa: PLC0415
     except ImportError as error:
         raise ImportError(
-            "Pages with shapes to turn are drawn by plotly, which is not installed: pip install 'skfmap[pages]'. "
-            "plot_functions and plot_matches draw pictures without it."
+            "Pages with shapes to turn are drawn by plotly, which is not installed: pip install "
+            "'skfmap[pages]'. plot_functions and plot_matches draw pictures without it."
         ) from error
     return go
 
@@ -174,7 +206,9 @@ def _scene_name(column: int) -> str:
     return "scene" if column == 0 else f"scene{column + 1}"
 
 
-def _surface(go: Any, scene: Scene, panel: Panel, target: IntArray | None, column: int) -> Any:
+def _surface(
+    go: ModuleType, scene: Scene, panel: Panel, target: IntArray | None, column: int
+) -> Any:
     points, faces = panel.points.astype(np.float32), panel.mesh.faces.astype(np.int32)
     return go.Mesh3d(
         **dict(zip("xyz", points.T, strict=True)),
@@ -191,12 +225,15 @@ def _surface(go: Any, scene: Scene, panel: Panel, target: IntArray | None, colum
 
 def _colours(scene: Scene, panel: Panel, row: int) -> FloatArray:
     colours = scene.colours(panel, row)
-    return np.tile(UNKNOWN, (panel.mesh.n_vertices, 1)) if colours is None else np.ma.filled(colours, 0.5)
+    if colours is None:
+        return np.tile(UNKNOWN, (panel.mesh.n_vertices, 1))
+    return np.ma.filled(colours, 0.5)
 
 
 def _hexadecimal(colours: FloatArray) -> list[str]:
     return [
-        f"#{red:02x}{green:02x}{blue:02x}" for red, green, blue in (255 * np.clip(colours, 0, 1)).round().astype(int)
+        f"#{red:02x}{green:02x}{blue:02x}"
+        for red, green, blue in (255 * np.clip(colours, 0, 1)).round().astype(int)
     ]
 
 
@@ -207,12 +244,14 @@ def _hover(scene: Scene, panel: Panel, target: IntArray | None) -> list[str]:
         columns.append([f"vertex {v} of the reference" if v >= 0 else "no match" for v in target])
     for values, scale, label in zip(panel.values, scene.scales, scene.labels, strict=True):
         if values is not None and scale is not None:
-            columns.append([f"{html.escape(label)} {value:.4g}" for value in undefined_as_nan(values)])
+            columns.append(
+                [f"{html.escape(label)} {value:.4g}" for value in undefined_as_nan(values)]
+            )
     return ["<br>".join(texts) for texts in zip(*columns, strict=True)]
 
 
 def _layout(scene: Scene) -> dict[str, Any]:
-    """Return places of the panels, their captions, one camera, and a button for each row."""
+    """Return the layout: panels and captions, one camera, and a button for each row."""
     n_columns = min(_COLUMNS, len(scene.panels))
     n_rows = -(-len(scene.panels) // n_columns)
     layout: dict[str, Any] = {
@@ -228,9 +267,12 @@ def _layout(scene: Scene) -> dict[str, Any]:
     }
     shared = _view(scene)
     captions = []
-    for place, panel in enumerate(scene.panels):
-        x, y = (place % n_columns) / n_columns, 1 - (place // n_columns + 1) / n_rows
-        layout[_scene_name(place)] = {"domain": {"x": [x, x + 1 / n_columns], "y": [y, y + 1 / n_rows]}, **shared}
+    for i, panel in enumerate(scene.panels):
+        x, y = (i % n_columns) / n_columns, 1 - (i // n_columns + 1) / n_rows
+        layout[_scene_name(i)] = {
+            "domain": {"x": [x, x + 1 / n_columns], "y": [y, y + 1 / n_rows]},
+            **shared,
+        }
         captions.append(_caption(panel, x + 0.5 / n_columns, y + 1 / n_rows))
     return layout | {"annotations": captions}
 
@@ -246,21 +288,23 @@ def _view(scene: Scene) -> dict[str, Any]:
         "camera": {
             "eye": dict(zip("xyz", (_DISTANCE * scene.camera.position()).tolist(), strict=True)),
             "up": {"x": 0, "y": 0, "z": 1},
-            "projection": {"type": "perspective"},  # plotly does not light what it sees orthographically
+            # Plotly does not light what it sees orthographically.
+            "projection": {"type": "perspective"},
         },
     }
 
 
 def _caption(panel: Panel, x: float, y: float) -> dict[str, Any]:
     text = html.escape(panel.caption).replace("\n", "<br>")
-    return {"text": text, "x": x, "y": y, "xref": "paper", "yref": "paper", "showarrow": False, "yanchor": "top"}
+    paper = {"xref": "paper", "yref": "paper"}
+    return {"text": text, "x": x, "y": y, **paper, "showarrow": False, "yanchor": "top"}
 
 
-def _scale_bar(go: Any, scale: Scale | None, label: str, *, visible: bool) -> Any:
+def _scale_bar(go: ModuleType, scale: Scale | None, label: str, *, visible: bool) -> Any:
     """Return an empty trace that shows a scale of colours."""
     if scale is None:
         return go.Scatter(x=[None], y=[None], visible=visible, hoverinfo="skip")
-    stops = np.linspace(0, 1, 33)
+    stops = np.linspace(0, 1, _N_STOPS)
     colours = _hexadecimal(scale.colours(scale.low + stops * (scale.high - scale.low)))
     marker = {
         "color": [scale.low],
@@ -274,7 +318,9 @@ def _scale_bar(go: Any, scale: Scale | None, label: str, *, visible: bool) -> An
             "thickness": 14,
         },
     }
-    return go.Scatter(x=[None], y=[None], mode="markers", marker=marker, visible=visible, hoverinfo="skip")
+    return go.Scatter(
+        x=[None], y=[None], mode="markers", marker=marker, visible=visible, hoverinfo="skip"
+    )
 
 
 def _buttons(scene: Scene) -> dict[str, Any]:
@@ -282,9 +328,10 @@ def _buttons(scene: Scene) -> dict[str, Any]:
     n_panels, n_rows = len(scene.panels), len(scene.labels)
     buttons = []
     for row, label in enumerate(scene.labels):
-        colours = [_hexadecimal(_colours(scene, panel, row)) for panel in scene.panels] + [None] * n_rows
+        colours = [_hexadecimal(_colours(scene, panel, row)) for panel in scene.panels]
         shown = [True] * n_panels + [other == row for other in range(n_rows)]
+        change = {"vertexcolor": colours + [None] * n_rows, "visible": shown}
         text = html.escape(label or f"function {row + 1}")
-        buttons.append({"label": text, "method": "restyle", "args": [{"vertexcolor": colours, "visible": shown}]})
-    place = {"x": 0.01, "xanchor": "left", "y": 1, "yanchor": "bottom", "pad": {"b": 25}}
-    return {"type": "buttons", "direction": "right", "buttons": buttons, "showactive": True, **place}
+        buttons.append({"label": text, "method": "restyle", "args": [change]})
+    position = {"x": 0.01, "xanchor": "left", "y": 1, "yanchor": "bottom", "pad": {"b": 25}}
+    return {"type": "buttons", "direction": "right", "buttons": buttons, **position}

@@ -2,11 +2,13 @@
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
-from skfmap._tools.validation import check_place
+from skfmap._tools.types import Array
+from skfmap._tools.validation import check_folder
 from skfmap.io import as_mesh
 from skfmap.metrics import PairErrors
 from skfmap.plotting._camera import Camera, check_camera
@@ -15,21 +17,28 @@ from skfmap.plotting._scene import Scene, check_values, scene_of_functions, scen
 from skfmap.plotting._surface import draw_surface
 from skfmap.shapes import Match
 
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
 __all__ = ["plot_function", "plot_functions", "plot_matches"]
 
-# Inches across a panel; dots per inch of files.
+# Chosen by eye: inches across a panel, dots per inch of files, and heights of panels in widths.
 _WIDTH, _DPI = 2.6, 150
+_FLATTEST, _TALLEST = 0.4, 1.6
+# Half of the largest shape, and a little room around it.
+_REACH = 0.52
 
 
 def plot_function(
     mesh: Any,
-    values: Any,
+    values: ArrayLike,
     *,
-    ax: Any = None,
+    ax: "Axes | None" = None,
     cmap: str | None = None,
-    limits: Any = None,
+    limits: Sequence[float] | None = None,
     camera: Camera | None = None,
-) -> Any:
+) -> "Axes":
     """Draw a function, or colours, on a lit mesh.
 
     Parameters
@@ -37,17 +46,18 @@ def plot_function(
     mesh : mesh
         What to draw: whatever a mesh may be, a path included.
     values : array-like of shape (n_vertices,) or (n_vertices, 3)
-        Function on the vertices, or their colours in [0, 1]. Masked and undefined values are grey, so that what
-        `Match.transfer` returns can be drawn.
+        Function on the vertices, or their colours in [0, 1]. Masked and undefined values are grey,
+        so that what `Match.transfer` returns can be drawn.
     ax : matplotlib Axes, optional
         Where to draw; a new figure by default.
     cmap : str, optional
-        Colour map of matplotlib; by default a diverging one about zero where the function has both signs, and a
-        sequential one elsewhere. Both are perceptually uniform and safe for the colour-blind.
+        Colour map of matplotlib; by default a diverging one about zero where the function has both
+        signs, and a sequential one elsewhere. Both are perceptually uniform and safe for the
+        colour-blind.
     limits : (float, float), optional
         Values at the ends of the colour map; those of the function by default.
     camera : Camera, optional
-        Seen from where.
+        Where the picture is taken from.
 
     Returns
     -------
@@ -84,15 +94,15 @@ def plot_function(
 
 def plot_functions(
     meshes: Sequence[Any],
-    functions: Sequence[Any],
+    functions: Sequence[ArrayLike],
     *,
     captions: Sequence[str] | None = None,
     labels: Sequence[str] | None = None,
     cmap: str | None = None,
-    limits: Any = None,
+    limits: Sequence[float] | None = None,
     camera: Camera | None = None,
     path: str | Path | None = None,
-) -> Any:
+) -> "Figure":
     """Draw functions on several meshes side by side, seen by one camera, at one scale.
 
     Parameters
@@ -100,7 +110,8 @@ def plot_functions(
     meshes : sequence of meshes
         One column each. The same mesh may stand several times.
     functions : sequence of arrays of shape (n_vertices_i,) or (n_vertices_i, n_functions)
-        For each mesh, the function or functions on it; one row each, which shares a scale of colours.
+        For each mesh, the function or functions on it; one row each, which shares a scale of
+        colours.
     captions : sequence of str, optional
         Above each mesh; names by default.
     labels : sequence of str, optional
@@ -130,7 +141,8 @@ def plot_functions(
     >>> from skfmap.datasets import make_sphere
     >>> from skfmap.plotting import plot_functions
     >>> (sphere,) = SpectralBasis(10).transform([make_sphere(n_subdivisions=3)])
-    >>> figure = plot_functions([sphere.mesh], [sphere.evecs[:, 1:4]], labels=["first", "second", "third"])
+    >>> labels = ["first", "second", "third"]
+    >>> figure = plot_functions([sphere.mesh], [sphere.evecs[:, 1:4]], labels=labels)
     """
     scene = scene_of_functions(
         meshes, functions, captions=captions, labels=labels, cmap=cmap, limits=limits, camera=camera
@@ -149,10 +161,10 @@ def plot_matches(
     camera: Camera | None = None,
     align: bool = True,
     path: str | Path | None = None,
-) -> Any:
-    """Draw matches as colours carried from the reference, and how far to trust them below.
+) -> "Figure":
+    """Draw matches as colours carried from the reference, and below how far to trust them.
 
-    Each vertex of a shape has the colour of the vertex of the reference that the point map sends it to.
+    Each vertex of a shape has the colour of the vertex of the reference that it is matched to.
 
     Parameters
     ----------
@@ -161,18 +173,20 @@ def plot_matches(
     meshes : sequence of meshes
         The matched shapes: whatever a mesh may be, paths included.
     reference : mesh
-        The reference, ``learner.reference_.spectral.mesh``; its colours tell where on it a vertex is.
+        The reference, ``learner.reference_.spectral.mesh``; its colours tell where on it a vertex
+        is.
     show : sequence of {"match", "expected error", "confidence", "true error"}
         The rows.
     errors : sequence of PairErrors, optional
-        From `skfmap.WeightedFunctionalMapLearner.pair_errors`, if the correspondences are known: a row of true errors
-        is added, grey where nothing is known.
+        From `skfmap.WeightedFunctionalMapLearner.pair_errors`, if the correspondences are known: a
+        row of true errors is added, grey where nothing is known.
     captions : sequence of str, optional
         One per match, below its name.
     camera : Camera, optional
-        Seen from where; one camera for all.
+        Where the picture is taken from; one camera for all.
     align : bool, default=True
-        Whether shapes are turned about the vertical to face as the reference does, as far as the match tells.
+        Whether shapes are turned about the vertical to face as the reference does, as far as the
+        match tells.
     path : str or Path, optional
         Where to save the picture; the suffix chooses the format.
 
@@ -191,21 +205,30 @@ def plot_matches(
     write_matches_page : The same as a page to turn the shapes in.
     """
     scene = scene_of_matches(
-        matches, meshes, reference, show=show, errors=errors, captions=captions, camera=camera, align=align
+        matches,
+        meshes,
+        reference,
+        show=show,
+        errors=errors,
+        captions=captions,
+        camera=camera,
+        align=align,
     )
     return _saved(_draw(scene), path)
 
 
-def _draw(scene: Scene) -> Any:
+def _draw(scene: Scene) -> "Figure":
     """Return a figure of a scene, all panels at one scale."""
     from matplotlib import pyplot as plt  # noqa: PLC0415
 
     n_rows, n_columns = len(scene.labels), len(scene.panels)
     seen = [scene.camera.project_upright(panel.points) for panel in scene.panels]
     centres = [(points.min(axis=0) + points.max(axis=0))[:2] / 2 for points in seen]
-    reach = 0.52 * np.max([np.ptp(points[:, :2], axis=0) for points in seen], axis=0)
-    height = _WIDTH * float(np.clip(reach[1] / reach[0], 0.4, 1.6))
-    figure = plt.figure(figsize=(_WIDTH * n_columns + 0.9, height * n_rows + 0.4), layout="constrained")
+    reach = _REACH * np.max([np.ptp(points[:, :2], axis=0) for points in seen], axis=0)
+    height = _WIDTH * float(np.clip(reach[1] / reach[0], _FLATTEST, _TALLEST))
+    figure = plt.figure(
+        figsize=(_WIDTH * n_columns + 0.9, height * n_rows + 0.4), layout="constrained"
+    )
     axes = figure.subplots(n_rows, n_columns, squeeze=False)
     for row, label in enumerate(scene.labels):
         for panel, points, centre, ax in zip(scene.panels, seen, centres, axes[row], strict=True):
@@ -221,20 +244,23 @@ def _draw(scene: Scene) -> Any:
     return figure
 
 
-def _draw_scale(figure: Any, axes: Any, scale: Scale | None, label: str) -> None:
+def _draw_scale(figure: "Figure", axes: Array, scale: Scale | None, label: str) -> None:
     from matplotlib.cm import ScalarMappable  # noqa: PLC0415
     from matplotlib.colors import Normalize  # noqa: PLC0415
 
     if scale is None:
         return
     drawn = figure.colorbar(
-        ScalarMappable(Normalize(scale.low, scale.high), cmap=scale.cmap), ax=list(axes), shrink=0.75, pad=0.01
+        ScalarMappable(Normalize(scale.low, scale.high), cmap=scale.cmap),
+        ax=list(axes),
+        shrink=0.75,
+        pad=0.01,
     )
     drawn.set_label(scale.label or label, fontsize=9)
     drawn.ax.tick_params(labelsize=8)
 
 
-def _saved(figure: Any, path: str | Path | None) -> Any:
+def _saved(figure: "Figure", path: str | Path | None) -> "Figure":
     if path is not None:
-        figure.savefig(check_place(path), dpi=_DPI)
+        figure.savefig(check_folder(path), dpi=_DPI)
     return figure

@@ -1,19 +1,26 @@
 """Whether expected errors can be believed."""
 
 from collections.abc import Sequence
-from typing import Any, Self
+from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
+from numpy.typing import ArrayLike
+from sklearn.base import BaseEstimator
 
 from skfmap._tools.ties import is_constant
 from skfmap._tools.types import FloatArray
 from skfmap._tools.unwrap import learner_and_shapes
 from skfmap._tools.validation import check_number
 from skfmap.plotting._axes import axes_or_new, finish
+from skfmap.refinement import Refinement
+from skfmap.shapes import Correspondence
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
 
 __all__ = ["ReliabilityDisplay"]
 
-# Of the axes, where all errors are nil.
+# What the axes hold where all errors are zero: any length that is positive and far below an edge.
 _NARROWEST = 1e-3
 
 
@@ -23,16 +30,16 @@ class ReliabilityDisplay:
     Parameters
     ----------
     expected, errors : array-like of shape (n,)
-        Expected and true errors of vertices of shapes that the model has not seen. Vertices that lack either (NaN) are
-        left out.
+        Expected and true errors of vertices of shapes that the model has not seen. Vertices that
+        lack either (NaN) are left out.
     name : str, optional
         What the curve is called in the legend.
 
     Attributes
     ----------
     ax_, figure_, line_ : matplotlib Axes, Figure, Line2D
-        What was drawn. Each point is the mean true error of a bin of equally many vertices, by expected error; the band
-        holds the middle half of each bin.
+        What was drawn. Each point is the mean true error of a bin of equally many vertices, by
+        expected error; the band holds the middle half of each bin.
 
     Examples
     --------
@@ -44,7 +51,7 @@ class ReliabilityDisplay:
     True
     """
 
-    def __init__(self, expected: Any, errors: Any, *, name: str | None = None) -> None:
+    def __init__(self, expected: ArrayLike, errors: ArrayLike, *, name: str | None = None) -> None:
         self.expected = expected
         self.errors = errors
         self.name = name
@@ -52,16 +59,16 @@ class ReliabilityDisplay:
     @classmethod
     def from_estimator(
         cls,
-        model: Any,
+        model: BaseEstimator,
         X: Sequence[Any],
-        y: Sequence[Any],
+        y: Sequence[Correspondence | ArrayLike],
         *,
-        refine: Any = "fitted",
+        refine: Refinement | str | None = "fitted",
         name: str | None = None,
-        ax: Any = None,
+        ax: "Axes | None" = None,
         **kwargs: Any,
     ) -> Self:
-        """Match shapes of known correspondence with a fitted model and compare expected with true errors.
+        """Match shapes of known correspondence, and draw expected against true errors.
 
         Parameters
         ----------
@@ -88,15 +95,24 @@ class ReliabilityDisplay:
         errors = learner.pair_errors(shapes, y, refine=refine)
         if any(match.expected_error is None for match in matches):
             raise ValueError(
-                "The model expects no errors: it was fitted with confidence=None. Fit it with confidence='cross-fit'."
+                "The model expects no errors: it was fitted with confidence=None. Fit it with "
+                "confidence='cross-fit'."
             )
-        expected = [match.expected_error[one.vertices] for match, one in zip(matches, errors, strict=True)]
+        expected = [
+            match.expected_error[one.vertices] for match, one in zip(matches, errors, strict=True)
+        ]
         true = np.concatenate([one.direct for one in errors])
         return cls.from_predictions(np.concatenate(expected), true, name=name, ax=ax, **kwargs)
 
     @classmethod
     def from_predictions(
-        cls, expected: Any, errors: Any, *, name: str | None = None, ax: Any = None, **kwargs: Any
+        cls,
+        expected: ArrayLike,
+        errors: ArrayLike,
+        *,
+        name: str | None = None,
+        ax: "Axes | None" = None,
+        **kwargs: Any,
     ) -> Self:
         """Draw expected against true errors.
 
@@ -119,7 +135,9 @@ class ReliabilityDisplay:
         """
         return cls(expected, errors, name=name).plot(ax, **kwargs)
 
-    def plot(self, ax: Any = None, *, name: str | None = None, n_bins: int = 10, **kwargs: Any) -> Self:
+    def plot(
+        self, ax: "Axes | None" = None, *, name: str | None = None, n_bins: int = 10, **kwargs: Any
+    ) -> Self:
         """Draw the bins; several displays may share axes.
 
         Parameters
@@ -147,20 +165,29 @@ class ReliabilityDisplay:
         x, y = (np.asarray(values, dtype=np.float64) for values in (self.expected, self.errors))
         if x.shape != y.shape or x.ndim != 1 or len(x) < n_bins:
             raise ValueError(
-                f"expected and errors must be 1-D, equally long, and {n_bins} at least; got {x.shape}, {y.shape}."
+                f"expected and errors must be 1-D, equally long, and {n_bins} at least; got "
+                f"{x.shape}, {y.shape}."
             )
         known = np.isfinite(x) & np.isfinite(y)
         if known.sum() < n_bins:
-            raise ValueError(f"expected and errors are both known at {known.sum()} vertices only; {n_bins} are needed.")
+            raise ValueError(
+                f"expected and errors are both known at {known.sum()} vertices only; {n_bins} are "
+                "needed."
+            )
         x, y = x[known], y[known]
         ax = axes_or_new(ax)
         fresh = not ax.lines
         middle, mean, low, high = _binned(x, y, n_bins)
-        (self.line_,) = ax.plot(middle, mean, label=name or self.name, **({"marker": "o", "markersize": 4} | kwargs))
+        style: dict[str, Any] = {"marker": "o", "markersize": 4} | kwargs
+        (self.line_,) = ax.plot(middle, mean, label=name or self.name, **style)
         ax.fill_between(middle, low, high, alpha=0.18, color=self.line_.get_color(), linewidth=0)
-        limit = max(1.05 * float(max(middle.max(), high.max())), _NARROWEST if fresh else ax.get_xlim()[1])
+        limit = max(
+            1.05 * float(max(middle.max(), high.max())), _NARROWEST if fresh else ax.get_xlim()[1]
+        )
         if fresh:
-            ax.axline((0, 0), slope=1, linestyle="--", color="0.5", linewidth=1, label="as expected")
+            ax.axline(
+                (0, 0), slope=1, linestyle="--", color="0.5", linewidth=1, label="as expected"
+            )
         finish(
             ax,
             xlabel="expected error / sqrt(area)",
@@ -172,7 +199,9 @@ class ReliabilityDisplay:
         return self
 
 
-def _binned(x: FloatArray, y: FloatArray, n_bins: int) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+def _binned(
+    x: FloatArray, y: FloatArray, n_bins: int
+) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
     """Return mean expected and true errors of equal bins, and the quartiles of the true ones."""
     parts = np.array_split(np.argsort(x, kind="stable"), 1 if is_constant(x) else n_bins)
     middle, mean = (np.array([values[part].mean() for part in parts]) for values in (x, y))

@@ -1,22 +1,34 @@
-"""What a picture of shapes shows, before anyone draws it: panels side by side, each coloured in several ways."""
+"""What a picture of shapes shows: panels side by side, each coloured in several ways."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
-from skfmap._tools.types import FloatArray
+from skfmap._tools.types import Array, BoolArray, FloatArray
 from skfmap._tools.validation import check_choice, label
 from skfmap.io import as_mesh, as_meshes
 from skfmap.metrics import PairErrors
 from skfmap.plotting._camera import Camera, check_camera, turn_upright
-from skfmap.plotting._colours import CONFIDENCE, ERRORS, UNKNOWN, Scale, colours_of_position, scale_of
+from skfmap.plotting._colours import (
+    CONFIDENCE,
+    ERRORS,
+    UNKNOWN,
+    Scale,
+    colours_of_position,
+    scale_of,
+)
 from skfmap.shapes import Match, Mesh
 
 __all__ = ["Panel", "Scene", "check_values", "scene_of_functions", "scene_of_matches"]
 
 SHOWN = ("match", "expected error", "confidence", "true error")
+
+# Errors have a scale up to this at least, in sqrt(area), an edge or two of a mesh of a few thousand
+# vertices: a match without errors must not look as if it had some.
+_SHORTEST_SCALE = 0.02
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,7 +44,8 @@ class Panel:
     caption : str
         What stands above it.
     values : tuple
-        For each row of the scene: values of shape (n_vertices,), colours of shape (n_vertices, 3), or None for nothing.
+        For each row of the scene: values of shape (n_vertices,), colours of shape (n_vertices, 3),
+        or None for nothing.
     """
 
     mesh: Mesh
@@ -54,7 +67,7 @@ class Scene:
     labels : tuple of str
         What each row shows.
     camera : Camera
-        Seen from where.
+        Where the picture is taken from.
     """
 
     panels: tuple[Panel, ...]
@@ -71,52 +84,66 @@ class Scene:
 def check_values(values: object, mesh: Mesh, who: str = "values") -> Any:
     """Return a function on the vertices of a mesh, or their colours; anything else is an error."""
     given: Any = np.ma.asarray(values)
-    if given.shape not in ((mesh.n_vertices,), (mesh.n_vertices, 3)) or given.dtype.kind not in "biuf":
+    if (
+        given.shape not in ((mesh.n_vertices,), (mesh.n_vertices, 3))
+        or given.dtype.kind not in "biuf"
+    ):
         raise ValueError(
-            f"{who} must hold a number, or three for a colour, for each of the {mesh.n_vertices} vertices of "
-            f"{label(mesh.name)}; got {given.dtype} of shape {given.shape}."
+            f"{who} must hold a number, or three for a colour, for each of the {mesh.n_vertices} "
+            f"vertices of {label(mesh.name)}; got {given.dtype} of shape {given.shape}."
         )
     return given
 
 
 def scene_of_functions(
     meshes: Sequence[Any],
-    functions: Sequence[Any],
+    functions: Sequence[ArrayLike],
     *,
     captions: Sequence[str] | None,
     labels: Sequence[str] | None,
     cmap: str | None,
-    limits: Any,
+    limits: Sequence[float] | None,
     camera: Camera | None,
 ) -> Scene:
-    """Return a column per mesh, a row per function, each row with a scale of its own unless limits are given."""
+    """Return a column for each mesh and a row for each function.
+
+    Each row has a scale of its own unless limits are given.
+    """
     shapes, camera = as_meshes(meshes), check_camera(camera)
     if len(functions) != len(shapes):
-        raise ValueError(f"Give the functions of each mesh; got {len(shapes)} meshes and {len(functions)} functions.")
+        raise ValueError(
+            f"Give the functions of each mesh; got {len(shapes)} meshes and {len(functions)} "
+            "functions."
+        )
     columns = [_columns(values, mesh) for values, mesh in zip(functions, shapes, strict=True)]
     n_rows = len(columns[0])
     if any(len(column) != n_rows for column in columns):
-        raise ValueError(f"Each mesh must have as many functions; got {[len(column) for column in columns]}.")
+        raise ValueError(
+            f"Each mesh must have as many functions; got {[len(column) for column in columns]}."
+        )
     _check_length(captions, len(shapes), "captions", "mesh")
     _check_length(labels, n_rows, "labels", "function")
     captions = [mesh.name or "" for mesh in shapes] if captions is None else captions
     labels = [""] * n_rows if labels is None else labels
     panels = tuple(
-        Panel(mesh, _placed(mesh, camera.up), caption, column)
+        Panel(mesh, _upright(mesh, camera.up), caption, column)
         for mesh, caption, column in zip(shapes, captions, columns, strict=True)
     )
     scales = tuple(
-        scale_of([column[row] for column in columns], cmap, limits, label) for row, label in enumerate(labels)
+        scale_of([column[row] for column in columns], cmap, limits, label)
+        for row, label in enumerate(labels)
     )
     return Scene(panels, scales, tuple(labels), camera)
 
 
-def _columns(values: Any, mesh: Mesh) -> tuple[Any, ...]:
+def _columns(values: ArrayLike, mesh: Mesh) -> tuple[Any, ...]:
     """Return the functions of one mesh, as a tuple, from one of them or the columns of a matrix."""
-    given = np.ma.asarray(values)
+    given: Array = np.ma.asarray(values)
     columns = list(given.T) if given.ndim == 2 else [given]
     if not columns:
-        raise ValueError(f"There is no function on {label(mesh.name)}; got an array of shape {given.shape}.")
+        raise ValueError(
+            f"There is no function on {label(mesh.name)}; got an array of shape {given.shape}."
+        )
     return tuple(check_values(column, mesh, "functions") for column in columns)
 
 
@@ -131,24 +158,27 @@ def scene_of_matches(
     camera: Camera | None,
     align: bool,
 ) -> Scene:
-    """Return the reference and the matched shapes in columns, in rows what is shown of the matches."""
+    """Return a column for the reference and for each shape, and a row for all that is shown."""
     if len(matches) != len(meshes) or not matches:
-        raise ValueError(f"Give one mesh per match, and at least one; got {len(meshes)} and {len(matches)}.")
+        raise ValueError(
+            f"Give one mesh per match, and at least one; got {len(meshes)} and {len(matches)}."
+        )
     _check_length(captions, len(matches), "captions", "match")
     show = _check_shown(show, errors, len(matches))
     shapes, origin, camera = as_meshes(meshes), as_mesh(reference), check_camera(camera)
     for match, mesh in zip(matches, shapes, strict=True):
         _check_match(match, mesh, origin)
     colours = colours_of_position(origin)
-    at_rest = _placed(origin, camera.up)
-    panels = [
-        Panel(origin, at_rest, _title("reference", origin.name), tuple(colours if w == "match" else None for w in show))
-    ]
+    points_0 = _upright(origin, camera.up)
+    title = "reference" if origin.name is None else f"reference: {origin.name}"
+    own = tuple(colours if what == "match" else None for what in show)
+    panels = [Panel(origin, points_0, title, own)]
     for i, (match, mesh) in enumerate(zip(matches, shapes, strict=True)):
-        points = _placed(mesh, camera.up)
-        points = _turned_like(points, match.p2p >= 0, at_rest[match.p2p[match.p2p >= 0]]) if align else points
+        points, known = _upright(mesh, camera.up), match.p2p >= 0
+        if align:
+            points = _turned_like(points, known, points_0[match.p2p[known]])
         values = {
-            "match": _carried(colours, match.p2p),
+            "match": np.where(known[:, None], colours[match.p2p], UNKNOWN),
             "expected error": match.expected_error,
             "confidence": match.confidence,
         }
@@ -157,12 +187,14 @@ def scene_of_matches(
         caption = (match.name or mesh.name or "") + ("" if captions is None else f"\n{captions[i]}")
         if missing := [what for what in show if values[what] is None]:
             raise ValueError(
-                f"The match of {match.name or mesh.name or f'shape {i}'} has no {missing[0]}: the learner was fitted "
-                "with confidence=None. Fit it with confidence='cross-fit', or leave that out of show."
+                f"The match of {match.name or mesh.name or f'shape {i}'} has no {missing[0]}: the "
+                "learner was fitted with confidence=None. Fit it with confidence='cross-fit', or "
+                "leave that out of show."
             )
         panels.append(Panel(mesh, points, caption, tuple(values[what] for what in show)))
     expected = [match.expected_error for match in matches if match.expected_error is not None]
-    worst = max([0.02, *(float(np.nanmax(errors)) for errors in expected if not np.isnan(errors).all())])
+    largest = [float(np.nanmax(errors)) for errors in expected if not np.isnan(errors).all()]
+    worst = max([_SHORTEST_SCALE, *largest])
     scales = {
         "match": None,
         "expected error": Scale(ERRORS, 0.0, worst, "expected error / sqrt(area)"),
@@ -172,25 +204,22 @@ def scene_of_matches(
     return Scene(tuple(panels), tuple(scales[what] for what in show), tuple(show), camera)
 
 
-def _carried(colours: FloatArray, p2p: Any) -> FloatArray:
-    """Return the colours of matched vertices; grey where there is no match (-1)."""
-    return np.where((p2p >= 0)[:, None], colours[p2p], UNKNOWN)
-
-
-def _title(what: str, name: str | None) -> str:
-    return what if name is None else f"{what}: {name}"
-
-
-def _check_shown(show: Sequence[str], errors: Sequence[PairErrors] | None, n_matches: int) -> tuple[str, ...]:
+def _check_shown(
+    show: Sequence[str], errors: Sequence[PairErrors] | None, n_matches: int
+) -> tuple[str, ...]:
     """Return the rows, true errors last if they are given."""
     if isinstance(show, str) or not len(show):
         raise ValueError(f"show must hold one at least of {SHOWN}; got {show!r}.")
     for what in show:
         check_choice(what, "show", SHOWN)
     if errors is None and "true error" in show:
-        raise ValueError("true errors are shown if errors are given: those of the learner's pair_errors.")
+        raise ValueError(
+            "true errors are shown if errors are given: those of the learner's pair_errors."
+        )
     if errors is not None and len(errors) != n_matches:
-        raise ValueError(f"Give the errors of each match; got {len(errors)} errors and {n_matches} matches.")
+        raise ValueError(
+            f"Give the errors of each match; got {len(errors)} errors and {n_matches} matches."
+        )
     return tuple(show) if errors is None or "true error" in show else (*show, "true error")
 
 
@@ -204,19 +233,22 @@ def _at_vertices(errors: PairErrors, n_vertices: int) -> FloatArray:
 def _check_match(match: Match, mesh: Mesh, reference: Mesh) -> None:
     if len(match.p2p) != mesh.n_vertices or match.p2p.max(initial=0) >= reference.n_vertices:
         raise ValueError(
-            f"The match of {label(match.name, 'shape')} has {len(match.p2p)} vertices and refers to vertex "
-            f"{match.p2p.max(initial=0)} of the reference; {label(mesh.name)} has {mesh.n_vertices} vertices and the "
-            f"reference, {label(reference.name)}, {reference.n_vertices}. Give the meshes in the order of the matches, "
-            "and the reference that the model was trained with."
+            f"The match of {label(match.name, 'shape')} has {len(match.p2p)} vertices and refers "
+            f"to vertex {match.p2p.max(initial=0)} of the reference; {label(mesh.name)} has "
+            f"{mesh.n_vertices} vertices and the reference, {label(reference.name)}, "
+            f"{reference.n_vertices}. Give the meshes in the order of the matches, and the "
+            "reference that the model was trained with."
         )
 
 
 def _check_length(given: Sequence[str] | None, expected: int, name: str, what: str) -> None:
     if given is not None and (isinstance(given, str) or len(given) != expected):
-        raise ValueError(f"{name} must hold a text for each {what}, {expected} of them; got {given!r}.")
+        raise ValueError(
+            f"{name} must hold a text for each {what}, {expected} of them; got {given!r}."
+        )
 
 
-def _placed(mesh: Mesh, up: str) -> FloatArray:
+def _upright(mesh: Mesh, up: str) -> FloatArray:
     """Return vertices with z up, the middle of their bounding box at the origin, at unit area."""
     if not mesh.area > 0:
         raise ValueError(f"{label(mesh.name)} has no area; there is nothing to draw.")
@@ -224,12 +256,14 @@ def _placed(mesh: Mesh, up: str) -> FloatArray:
     return np.asarray(points - (points.min(axis=0) + points.max(axis=0)) / 2)
 
 
-def _turned_like(points: FloatArray, known: Any, targets: FloatArray) -> FloatArray:
-    """Return points turned about the vertical so that the known ones lie most like their targets."""
+def _turned_like(points: FloatArray, known: BoolArray, targets: FloatArray) -> FloatArray:
+    """Return points turned about the vertical, so that known ones come nearest to their targets."""
     if len(targets) == 0:
         return points
     flat, goal = (p[:, :2] - p[:, :2].mean(axis=0) for p in (points[known], targets))
-    angle = np.arctan2((flat[:, 0] * goal[:, 1] - flat[:, 1] * goal[:, 0]).sum(), (flat * goal).sum())
+    angle = np.arctan2(
+        (flat[:, 0] * goal[:, 1] - flat[:, 1] * goal[:, 0]).sum(), (flat * goal).sum()
+    )
     cosine, sine = np.cos(angle), np.sin(angle)
     turned = points @ np.array([[cosine, sine, 0], [-sine, cosine, 0], [0, 0, 1]])
     return np.asarray(turned - (turned.min(axis=0) + turned.max(axis=0)) / 2)

@@ -1,20 +1,28 @@
 """How much of the function space is mapped well (figure 3, right)."""
 
 from collections.abc import Sequence
-from typing import Any, Self
+from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
+from numpy.typing import ArrayLike
+from sklearn.base import BaseEstimator
 
 from skfmap._tools.types import FloatArray
 from skfmap._tools.unwrap import learner_and_shapes
 from skfmap.metrics import error_curve
 from skfmap.plotting._axes import axes_or_new, finish, of_known_shapes
+from skfmap.shapes import Correspondence
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
 
 __all__ = ["SingularValuesDisplay"]
 
 
 class SingularValuesDisplay:
-    """Share of the singular values of X(D) - C below a threshold: all of them at 0 for a perfect functional map.
+    """Share of the singular values of X(D) - C that are below a threshold.
+
+    A perfect functional map has all of them at 0.
 
     Parameters
     ----------
@@ -42,13 +50,20 @@ class SingularValuesDisplay:
     [[1.0, 0.5, 0.0, 0.0]]
     """
 
-    def __init__(self, singular_values: Any, *, name: str | None = None) -> None:
+    def __init__(self, singular_values: ArrayLike, *, name: str | None = None) -> None:
         self.singular_values = singular_values
         self.name = name
 
     @classmethod
     def from_estimator(
-        cls, model: Any, X: Sequence[Any], y: Sequence[Any], *, name: str | None = None, ax: Any = None, **kwargs: Any
+        cls,
+        model: BaseEstimator,
+        X: Sequence[Any],
+        y: Sequence[Correspondence | ArrayLike],
+        *,
+        name: str | None = None,
+        ax: "Axes | None" = None,
+        **kwargs: Any,
     ) -> Self:
         """Draw how well a fitted model maps shapes of known correspondence.
 
@@ -76,7 +91,13 @@ class SingularValuesDisplay:
 
     @classmethod
     def from_predictions(
-        cls, maps: Any, known_maps: Any, *, name: str | None = None, ax: Any = None, **kwargs: Any
+        cls,
+        maps: ArrayLike,
+        known_maps: ArrayLike,
+        *,
+        name: str | None = None,
+        ax: "Axes | None" = None,
+        **kwargs: Any,
     ) -> Self:
         """Draw how far functional maps are from known ones.
 
@@ -96,7 +117,7 @@ class SingularValuesDisplay:
         values = np.linalg.svd(difference, compute_uv=False)
         return cls(np.atleast_2d(values), name=name).plot(ax, **kwargs)
 
-    def plot(self, ax: Any = None, *, name: str | None = None, **kwargs: Any) -> Self:
+    def plot(self, ax: "Axes | None" = None, *, name: str | None = None, **kwargs: Any) -> Self:
         """Draw the curve, up to 98 % of the values or 1; several may share axes.
 
         Parameters
@@ -114,11 +135,18 @@ class SingularValuesDisplay:
             Itself.
         """
         values: FloatArray = np.sort(np.ravel(self.singular_values))
+        # The few largest values would squeeze all others into a corner.
         thresholds = np.linspace(0, max(1.0, float(np.quantile(values, 0.98))), 200)
         ax = axes_or_new(ax)
-        (self.line_,) = ax.plot(thresholds, 100 * error_curve(values, thresholds), label=name or self.name, **kwargs)
+        (self.line_,) = ax.plot(
+            thresholds, 100 * error_curve(values, thresholds), label=name or self.name, **kwargs
+        )
         finish(
-            ax, xlabel="singular value of X(D) - C", ylabel="singular values below, %", xlim=(0, None), ylim=(0, 101)
+            ax,
+            xlabel="singular value of X(D) - C",
+            ylabel="singular values below, %",
+            xlim=(0, None),
+            ylim=(0, 101),
         )
         self.ax_, self.figure_ = ax, ax.figure
         return self

@@ -1,21 +1,25 @@
 """A lit surface, drawn by matplotlib from back to front."""
 
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from skfmap._tools.types import FloatArray, IntArray
 from skfmap.geometry.normals import vertex_normals
 
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
 __all__ = ["draw_surface"]
 
-# Directions right, up, towards the camera.
+# Two lights as photographers set them, a key from the upper left and a weak one from the right, and
+# how much of each there is: chosen by eye. Directions right, up, towards the camera.
 _KEY_LIGHT = np.array([-0.45, 0.65, 0.62])
 _FILL_LIGHT = np.array([0.8, -0.1, 0.6])
-_SHADOW, _KEY, _FILL, _GLOSS = 0.42, 0.55, 0.16, 0.10
+_SHADOW, _KEY, _FILL, _GLOSS, _SHININESS = 0.42, 0.55, 0.16, 0.10, 30
 
 
-def draw_surface(ax: Any, seen: FloatArray, faces: IntArray, colours: FloatArray) -> None:
+def draw_surface(ax: "Axes", seen: FloatArray, faces: IntArray, colours: FloatArray) -> None:
     """Draw a mesh on axes of matplotlib.
 
     Parameters
@@ -45,6 +49,9 @@ def draw_surface(ax: Any, seen: FloatArray, faces: IntArray, colours: FloatArray
 def lit(colours: FloatArray, normals: FloatArray) -> FloatArray:
     """Return colours under two lights; a surface seen from behind is lit like its front."""
     facing = normals * np.where(normals[:, 2:] < 0, -1, 1)
-    key, fill = (np.clip(facing @ (light / np.linalg.norm(light)), 0, None) for light in (_KEY_LIGHT, _FILL_LIGHT))
+    key, fill = (
+        np.clip(facing @ (light / np.linalg.norm(light)), 0, None)
+        for light in (_KEY_LIGHT, _FILL_LIGHT)
+    )
     shade = _SHADOW + _KEY * key + _FILL * fill
-    return np.clip(colours * shade[:, None] + _GLOSS * key[:, None] ** 30, 0, 1)
+    return np.clip(colours * shade[:, None] + _GLOSS * key[:, None] ** _SHININESS, 0, 1)

@@ -2,13 +2,19 @@
 
 from collections.abc import Sequence
 from itertools import groupby
-from typing import Any, Self
+from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
+from numpy.typing import ArrayLike
+from sklearn.base import BaseEstimator
 
 from skfmap._tools.types import FloatArray
 from skfmap._tools.unwrap import fitted_learner
+from skfmap.learner import WeightedFunctionalMapLearner
 from skfmap.plotting._axes import axes_or_new, finish
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
 
 __all__ = ["WeightsDisplay"]
 
@@ -42,13 +48,22 @@ class WeightsDisplay:
     'weight'
     """
 
-    def __init__(self, weights: Any, probe_categories: Sequence[str], *, name: str | None = None) -> None:
+    def __init__(
+        self, weights: ArrayLike, probe_categories: Sequence[str], *, name: str | None = None
+    ) -> None:
         self.weights = weights
         self.probe_categories = probe_categories
         self.name = name
 
     @classmethod
-    def from_estimator(cls, model: Any, *, name: str | None = None, ax: Any = None, **kwargs: Any) -> Self:
+    def from_estimator(
+        cls,
+        model: BaseEstimator,
+        *,
+        name: str | None = None,
+        ax: "Axes | None" = None,
+        **kwargs: Any,
+    ) -> Self:
         """Draw the weights of a fitted model.
 
         Parameters
@@ -71,7 +86,7 @@ class WeightsDisplay:
         name = _name_of(learner) if name is None else name
         return cls(learner.weights_, list(learner.probe_categories_), name=name).plot(ax, **kwargs)
 
-    def plot(self, ax: Any = None, *, name: str | None = None, **kwargs: Any) -> Self:
+    def plot(self, ax: "Axes | None" = None, *, name: str | None = None, **kwargs: Any) -> Self:
         """Draw the weights; several may share axes.
 
         Parameters
@@ -91,21 +106,27 @@ class WeightsDisplay:
         weights: FloatArray = np.asarray(self.weights, dtype=np.float64)
         if weights.shape != (len(self.probe_categories),):
             raise ValueError(
-                f"weights must hold a number for each of the {len(self.probe_categories)} probes; got {weights.shape}."
+                f"weights must hold a number for each of the {len(self.probe_categories)} probes; "
+                f"got {weights.shape}."
             )
         ax = axes_or_new(ax)
         fresh = not ax.lines
-        style = {"marker": "o", "markersize": 3.5, "linewidth": 0.9} | kwargs
+        style: dict[str, Any] = {"marker": "o", "markersize": 3.5, "linewidth": 0.9} | kwargs
         (self.line_,) = ax.plot(np.arange(len(weights)), weights, label=name or self.name, **style)
         if fresh:
             self._mark_categories(ax)
         ax.set_yscale("log")
-        finish(ax, ylabel="weight", xlabel="probe function, by category", xlim=(-0.5, len(weights) - 0.5))
+        finish(
+            ax,
+            ylabel="weight",
+            xlabel="probe function, by category",
+            xlim=(-0.5, len(weights) - 0.5),
+        )
         ax.grid(visible=False, axis="x")
         self.ax_, self.figure_ = ax, ax.figure
         return self
 
-    def _mark_categories(self, ax: Any) -> None:
+    def _mark_categories(self, ax: "Axes") -> None:
         """Shade every other category, and write its name below."""
         start, middles, names = 0, [], []
         for i, (category, members) in enumerate(groupby(self.probe_categories)):
@@ -119,7 +140,7 @@ class WeightsDisplay:
         ax.tick_params(axis="x", length=0)
 
 
-def _name_of(learner: Any) -> str:
+def _name_of(learner: WeightedFunctionalMapLearner) -> str:
     if learner.weighting is None:
         return "none (D = I)"
     return str(learner.weighting) if isinstance(learner.weighting, str) else "own groups"

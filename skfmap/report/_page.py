@@ -8,11 +8,14 @@ from typing import Any
 
 import numpy as np
 import sklearn
+from numpy.typing import ArrayLike
+from sklearn.base import BaseEstimator
 
 from skfmap._tools.types import FloatArray
-from skfmap._tools.unwrap import fitted_learner
-from skfmap._tools.validation import check_number, check_place
+from skfmap._tools.unwrap import fitted_learner, last_step
+from skfmap._tools.validation import check_folder, check_number
 from skfmap._version import __version__
+from skfmap.learner import WeightedFunctionalMapLearner
 from skfmap.metrics import ERROR_KINDS, PairErrors
 from skfmap.plotting import (
     Camera,
@@ -22,25 +25,34 @@ from skfmap.plotting import (
     plot_functions,
     plot_matches,
 )
-from skfmap.report._evaluation import Evaluation, evaluate
+from skfmap.report._evaluation import CrossValidation, Evaluation, evaluate
 from skfmap.report._html import details, findings, page, paragraph, picture, section, table
-from skfmap.report._verdict import expected_and_true, findings_of_evaluation, findings_of_model, trusted_part
-from skfmap.shapes import Match
+from skfmap.report._verdict import (
+    expected_and_true,
+    findings_of_evaluation,
+    findings_of_model,
+    trusted_part,
+)
+from skfmap.shapes import Correspondence, Match
 
 __all__ = ["write_report"]
 
-_KINDS = {"direct": "direct", "consistent": "better side", "per_vertex": "better side at each point"}
+_KINDS = {
+    "direct": "direct",
+    "consistent": "better side",
+    "per_vertex": "better side at each point",
+}
 _ASSESSED = ("expected", "half most trusted")
 
 
 def write_report(
-    model: Any,
+    model: BaseEstimator,
     path: str | Path,
     X: Sequence[Any] | None = None,
-    y: Sequence[Any] | None = None,
+    y: Sequence[Correspondence | ArrayLike] | None = None,
     *,
-    cv: Any = 5,
-    y_scored: Sequence[Any] | None = None,
+    cv: CrossValidation = 5,
+    y_scored: Sequence[Correspondence | ArrayLike] | None = None,
     evaluation: Evaluation | None = None,
     n_worst: int = 3,
     camera: Camera | None = None,
@@ -49,9 +61,10 @@ def write_report(
 ) -> Path:
     """Write a page that says at a glance whether a trained model can be trusted.
 
-    With the collection that the model was fitted on, shapes are left out in turn and matched by models trained on
-    the rest: errors, whether they were expected, and the worst matches in pictures. Without it the page tells what the
-    model knows of itself: weights, stable functions, calibrated errors.
+    With the collection that the model was fitted on, shapes are left out in turn and matched by
+    models trained on the rest: errors, whether they were expected, and the worst matches in
+    pictures. Without it the page tells what the model knows of itself: weights, stable functions,
+    calibrated errors.
 
     Parameters
     ----------
@@ -84,7 +97,8 @@ def write_report(
     Raises
     ------
     ValueError
-        If ``X`` and ``y`` are not those of the model, or only one of them is given, or no shape could be scored.
+        If ``X`` and ``y`` are not those of the model, or only one of them is given, or no shape
+        could be scored.
     FileNotFoundError
         If there is no folder for the page.
     sklearn.exceptions.NotFittedError
@@ -112,11 +126,14 @@ def write_report(
     learner = fitted_learner(model)
     check_number(n_worst, "n_worst", low=0, integer=True)
     if (X is None) != (y is None):
-        raise ValueError("Give X and y together: the shapes that the model was fitted on, and their correspondences.")
+        raise ValueError(
+            "Give X and y together: the shapes that the model was fitted on, and their "
+            "correspondences."
+        )
     if evaluation is None and X is not None and y is not None:
         evaluation = evaluate(model, X, y, cv=cv, y_scored=y_scored, verbose=verbose)
     evaluation = None if evaluation is None else _usable(evaluation)
-    bridge, learner = getattr(learner, "bridge_", None), getattr(learner, "estimator_", learner)
+    bridge = getattr(last_step(model), "bridge_", None)
     news = findings_of_model(learner)
     sections = []
     if evaluation is not None:
@@ -130,7 +147,7 @@ def write_report(
         _collection(learner, evaluation),
         _settings(learner, bridge),
     ]
-    check_place(path).write_text(page(title, _subtitle(learner), sections), encoding="utf-8")
+    check_folder(path).write_text(page(title, _subtitle(learner), sections), encoding="utf-8")
     return Path(path)
 
 
@@ -138,7 +155,10 @@ def _usable(evaluation: Evaluation) -> Evaluation:
     """Return the evaluation without shapes that were left out, which have no errors."""
     kept = [i for i, errors in enumerate(evaluation.errors) if len(errors.vertices)]
     if not kept:
-        raise ValueError("The evaluation holds no shape that could be matched and scored; write the report without it.")
+        raise ValueError(
+            "The evaluation holds no shape that could be matched and scored; write the report "
+            "without it."
+        )
     return Evaluation(
         [evaluation.meshes[i] for i in kept],
         [evaluation.matches[i] for i in kept],
@@ -147,11 +167,12 @@ def _usable(evaluation: Evaluation) -> Evaluation:
     )
 
 
-def _subtitle(learner: Any) -> str:
+def _subtitle(learner: WeightedFunctionalMapLearner) -> str:
     today = datetime.datetime.now(tz=datetime.UTC).date()
     return (
-        f"Reference {learner.reference_.name or 'without a name'}, {len(learner.weights_)} probe functions, "
-        f"{learner.n_training_shapes_} training shapes beside the reference. skfmap {__version__}, {today}."
+        f"Reference {learner.reference_.name or 'without a name'}, {len(learner.weights_)} probe "
+        f"functions, {learner.n_training_shapes_} training shapes beside the reference. skfmap "
+        f"{__version__}, {today}."
     )
 
 
@@ -160,42 +181,57 @@ def _hint(evaluation: Evaluation | None) -> list[str]:
         return []
     return [
         paragraph(
-            "No shape was left out for this page. Give write_report the collection, X and y, and it says how far "
-            "matches of shapes are off that the model was not trained on."
+            "No shape was left out for this page. Give write_report the collection, X and y, and "
+            "it says how far matches of shapes are off that the model was not trained on."
         )
     ]
 
 
 def _errors(evaluation: Evaluation) -> str:
-    """Return the table of the shapes left out, the worst first, the curve, and whether errors were expected."""
+    """Return the errors of the shapes left out, the worst first, and whether they were expected."""
     from matplotlib import pyplot as plt  # noqa: PLC0415
 
-    kinds = ERROR_KINDS if all(one.symmetric is not None for one in evaluation.errors) else ERROR_KINDS[:1]
+    kinds = (
+        ERROR_KINDS
+        if all(one.symmetric is not None for one in evaluation.errors)
+        else ERROR_KINDS[:1]
+    )
     figure, (left, right) = plt.subplots(1, 2, figsize=(11, 4), layout="constrained")
     ErrorCurveDisplay.from_predictions(evaluation.errors, ax=left, name="learned weights")
     if evaluation.naive_errors:
-        ErrorCurveDisplay.from_predictions(evaluation.naive_errors, ax=left, name="no weights (D = I)", linestyle="--")
+        ErrorCurveDisplay.from_predictions(
+            evaluation.naive_errors, ax=left, name="no weights (D = I)", linestyle="--"
+        )
     expected, true = expected_and_true(evaluation)
     if len(expected):
         name = "mean of a tenth of the points"
-        ReliabilityDisplay.from_predictions(expected, true, ax=right, n_bins=min(10, len(true)), name=name)
+        ReliabilityDisplay.from_predictions(
+            expected, true, ax=right, n_bins=min(10, len(true)), name=name
+        )
     else:
         right.set_axis_off()
     assessed = all(match.expected_error is not None for match in evaluation.matches)
     header = ["shape left out", *(_KINDS[kind] for kind in kinds), *(_ASSESSED if assessed else [])]
     rows = [
-        [match.name or "", *(_percent(errors.mean(kind)) for kind in kinds), *_expected_cells(match, errors)]
+        [
+            match.name or "",
+            *(_percent(errors.mean(kind)) for kind in kinds),
+            *_expected_cells(match, errors),
+        ]
         for match, errors in zip(evaluation.matches, evaluation.errors, strict=True)
     ]
     worst_first = np.argsort([-errors.mean() for errors in evaluation.errors], kind="stable")
     return section(
         "Errors on shapes left out",
         paragraph(
-            "Mean geodesic errors in percent of sqrt(area) of the reference. Expected errors are what the model said "
-            "before it was told the truth; the last column is the true error of the half that it trusted most."
+            "Mean geodesic errors in percent of sqrt(area) of the reference. Expected errors are "
+            "what the model said before it was told the truth; the last column is the true error "
+            "of the half that it trusted most."
         ),
         table(header, [rows[i] for i in worst_first]),
-        picture(figure, "Left: share of points below an error. Right: expected against true errors."),
+        picture(
+            figure, "Left: share of points below an error. Right: expected against true errors."
+        ),
     )
 
 
@@ -213,7 +249,12 @@ def _trusted_half(expected: FloatArray, errors: PairErrors) -> float:
     return float(np.average(errors.direct[trusted], weights=errors.weights[trusted]))
 
 
-def _worst(learner: Any, evaluation: Evaluation, n_worst: int, camera: Camera | None) -> str:
+def _worst(
+    learner: WeightedFunctionalMapLearner,
+    evaluation: Evaluation,
+    n_worst: int,
+    camera: Camera | None,
+) -> str:
     order = np.argsort([-errors.mean() for errors in evaluation.errors], kind="stable")[:n_worst]
     if not len(order):
         return ""
@@ -230,51 +271,70 @@ def _worst(learner: Any, evaluation: Evaluation, n_worst: int, camera: Camera | 
     return section(
         "Worst matches",
         paragraph(
-            "Each point has the colour of the point of the reference that it is sent to. Below, the error that the "
-            "model expects, and the true one; grey where no correspondence is known."
+            "Each point has the colour of the point of the reference that it is matched to. Below, "
+            "the error that the model expects, and the true one; grey where no correspondence is "
+            "known."
         ),
-        picture(figure, "The worst matches: colours carried from the reference, expected errors, true errors."),
+        picture(
+            figure,
+            "The worst matches: colours carried from the reference, expected errors, true errors.",
+        ),
     )
 
 
-def _stable_functions(learner: Any, camera: Camera | None, n_shown: int = 4) -> str:
-    """Return the most stable functions on the reference, the least stable one, and where on it maps err."""
+def _stable_functions(
+    learner: WeightedFunctionalMapLearner, camera: Camera | None, n_shown: int = 4
+) -> str:
+    """Return pictures of the most and the least stable functions, and of where maps err."""
     reference, k = learner.reference_.spectral, len(learner.stable_basis_)
     shown = [*range(1, min(1 + n_shown, k)), k - 1]
     functions = (reference.evecs[:, :k] @ learner.stable_basis_[:, shown]).T
     captions = [f"number {j + 1}: {learner.stability_[j]:.2f}" for j in shown]
+    # Functions of root mean square 1, on a shape of unit area, seldom go beyond.
     limits = (-4.0, 4.0)
-    first = plot_functions(
-        [reference.mesh] * len(shown), list(functions), captions=captions, limits=limits, camera=camera
-    )
+    meshes, rows = [reference.mesh] * len(shown), list(functions)
+    first = plot_functions(meshes, rows, captions=captions, limits=limits, camera=camera)
     missed = [learner.stability_function()]
-    where = plot_functions([reference.mesh], missed, labels=["how far maps miss"], cmap="magma_r", camera=camera)
+    where = plot_functions(
+        [reference.mesh], missed, labels=["how far maps miss"], cmap="magma_r", camera=camera
+    )
     return section(
         "What maps stably",
         paragraph(
-            "Functions on the reference, the most stable first; the constant one, number 1, always is. The number "
-            "beside each is its singular value over the training shapes: 0 is carried perfectly. The last is lost."
+            "Functions on the reference, the most stable first; the constant one, number 1, "
+            "always is. The number beside each is its singular value over the training shapes: 0 "
+            "is carried perfectly. The last is lost."
         ),
         picture(first, "Stable functions on the reference."),
         picture(where, "How far learned maps miss each part of the reference."),
     )
 
 
-def _weights(learner: Any, n_shown: int = 10) -> str:
-    display = WeightsDisplay.from_estimator(learner)
-    display.figure_.set_size_inches(10, 3.6)
+def _weights(learner: WeightedFunctionalMapLearner, n_shown: int = 10) -> str:
+    from matplotlib import pyplot as plt  # noqa: PLC0415
+
+    figure = plt.figure(figsize=(10, 3.6), layout="constrained")
+    WeightsDisplay.from_estimator(learner, ax=figure.add_subplot())
     order = np.argsort(-learner.weights_, kind="stable")
-    rows = [[learner.probe_names_[j], learner.probe_categories_[j], f"{learner.weights_[j]:.3g}"] for j in order]
+    rows = [
+        [learner.probe_names_[j], learner.probe_categories_[j], f"{learner.weights_[j]:.3g}"]
+        for j in order
+    ]
     return section(
         "Weights of the probe functions",
-        picture(display.figure_, "Weights by category."),
-        paragraph("Only together do probes make a map: a small weight does not mean that a probe says nothing."),
+        picture(figure, "Weights by category."),
+        paragraph(
+            "Only together do probes make a map: a small weight does not mean that a probe says "
+            "nothing."
+        ),
         table(["probe", "category", "weight"], rows[:n_shown]),
-        details("All weights", table(["probe", "category", "weight"], rows)) if len(rows) > n_shown else "",
+        details("All weights", table(["probe", "category", "weight"], rows))
+        if len(rows) > n_shown
+        else "",
     )
 
 
-def _collection(learner: Any, evaluation: Evaluation | None) -> str:
+def _collection(learner: WeightedFunctionalMapLearner, evaluation: Evaluation | None) -> str:
     """Return a table of the shapes that are at hand: the reference, and those left out."""
     reference = learner.reference_.spectral.mesh
     rows = [
@@ -288,20 +348,35 @@ def _collection(learner: Any, evaluation: Evaluation | None) -> str:
     ]
     if evaluation is not None:
         rows += [
-            [mesh.name or "", mesh.n_vertices, mesh.n_faces, f"{mesh.area:.4g}", len(errors.vertices)]
+            [
+                mesh.name or "",
+                mesh.n_vertices,
+                mesh.n_faces,
+                f"{mesh.area:.4g}",
+                len(errors.vertices),
+            ]
             for mesh, errors in zip(evaluation.meshes, evaluation.errors, strict=True)
         ]
-    return section("Collection", table(["shape", "vertices", "faces", "area", "known points"], rows))
+    return section(
+        "Collection", table(["shape", "vertices", "faces", "area", "known points"], rows)
+    )
 
 
-def _settings(learner: Any, bridge: Any) -> str:
-    parameters = [[name, repr(value)] for name, value in sorted(learner.get_params(deep=False).items())]
-    found = [
+def _settings(
+    learner: WeightedFunctionalMapLearner, bridge: WeightedFunctionalMapLearner | None
+) -> str:
+    parameters = [
+        [name, repr(value)] for name, value in sorted(learner.get_params(deep=False).items())
+    ]
+    found: list[list[object]] = [
         ["epsilon", f"{learner.epsilon_:.4g}"],
         ["loss at the start, at the end", f"{learner.loss_curve_[0]:.4g}, {learner.loss_:.4g}"],
         ["iterations", learner.n_iter_],
         ["bridge", "none" if bridge is None else bridge.reference_.name],
-        ["scikit-learn, numpy, Python", f"{sklearn.__version__}, {np.__version__}, {platform.python_version()}"],
+        [
+            "scikit-learn, numpy, Python",
+            f"{sklearn.__version__}, {np.__version__}, {platform.python_version()}",
+        ],
     ]
     return section(
         "How it was made",

@@ -1,4 +1,7 @@
-"""Frozen data that flows through the pipeline: meshes, shapes in a basis, correspondences, matches."""
+"""Frozen data that flows through the pipeline.
+
+Meshes, shapes in a basis, correspondences, matches.
+"""
 
 from skfmap.shapes.correspondence import Correspondence, JoinedPairs, _correspondence  # noqa: F401 - pickles of 0.1.0
 from skfmap.shapes.match import Match
@@ -7,4 +10,12 @@ from skfmap.shapes.probed_shape import ProbedShape
 from skfmap.shapes.skipped_shape import SkippedShape
 from skfmap.shapes.spectral_shape import SpectralShape
 
-__all__ = ["Correspondence", "JoinedPairs", "Match", "Mesh", "ProbedShape", "SkippedShape", "SpectralShape"]
+__all__ = [
+    "Correspondence",
+    "JoinedPairs",
+    "Match",
+    "Mesh",
+    "ProbedShape",
+    "SkippedShape",
+    "SpectralShape",
+]

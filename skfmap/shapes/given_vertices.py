@@ -31,15 +31,24 @@ def as_renumbered(shape: ProbedShape) -> ProbedShape:
 
 
 def as_given(match: Match, vertex_map: IntArray | None) -> Match:
-    """Return a match in the numbers that the mesh came with; -1 and NaN where a vertex was removed."""
+    """Return a match in the numbers that the mesh came with.
+
+    -1 and NaN where a vertex was removed.
+    """
     if vertex_map is None:
         return match
     kept, given = vertex_map >= 0, given_numbers(vertex_map)
-    rows = sp.csr_array((np.ones(kept.sum()), (np.flatnonzero(kept), vertex_map[kept])), shape=(len(kept), len(given)))
+    rows = sp.csr_array(
+        (np.ones(kept.sum()), (np.flatnonzero(kept), vertex_map[kept])),
+        shape=(len(kept), len(given)),
+    )
     empty = {"p2p": -1, "expected_error": np.nan, "confidence": np.nan, "n_supporting": 0}
     return replace(
         match,
-        **{name: expand(getattr(match, name), vertex_map, nothing) for name, nothing in empty.items()},
+        **{
+            name: expand(getattr(match, name), vertex_map, nothing)
+            for name, nothing in empty.items()
+        },
         matrix=None if match.matrix is None else (rows @ match.matrix).tocsr(),
         inverse=None if match.inverse is None else given[match.inverse],
     )
@@ -54,7 +63,10 @@ def given_numbers(vertex_map: IntArray) -> IntArray:
 
 
 def expand(values: Any, vertex_map: IntArray | None, empty: float) -> Any:
-    """Return values at the vertices that the mesh came with, ``empty`` where they were removed; None stays None."""
+    """Return values at the vertices that the mesh came with, ``empty`` where they were removed.
+
+    None stays None.
+    """
     if vertex_map is None or values is None:
         return values
     out = np.full(len(vertex_map), empty, dtype=values.dtype)

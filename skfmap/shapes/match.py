@@ -16,18 +16,20 @@ __all__ = ["Match"]
 class Match:
     """A shape matched to the reference.
 
-    The two maps point opposite ways: ``functional_map`` pulls functions back from S_0 to S_i, ``p2p`` sends points of
-    S_i to S_0.
+    The two maps point opposite ways: ``functional_map`` pulls functions back from S_0 to S_i,
+    ``p2p`` sends points of S_i to S_0.
 
     Attributes
     ----------
     p2p : ndarray of int, shape (n_vertices_i,)
         Point-to-point map: vertex of the reference S_0 for each vertex of S_i.
     expected_error : ndarray of shape (n_vertices_i,) or None
-        Geodesic error to expect at each vertex of S_i, in units of sqrt(area) of the reference, as calibrated on the
-        training shapes; NaN where there is no match. None if the learner calibrates no errors (``confidence=None``).
+        Geodesic error to expect at each vertex of S_i, in units of sqrt(area) of the reference, as
+        calibrated on the training shapes; NaN where there is no match. None if the learner
+        calibrates no errors (``confidence=None``).
     confidence : ndarray of shape (n_vertices_i,) or None
-        Between 0 and 1: how often a training vertex that looked like this one landed within 0.1 sqrt(area).
+        Between 0 and 1: how often a training vertex that looked like this one landed within 0.1
+        sqrt(area).
     functional_map : ndarray of shape (k, k)
         Full map X_i(D), from functions on S_0 to functions on S_i, on unit-area shapes.
     reduced_map : ndarray of shape (k, p)
@@ -37,22 +39,26 @@ class Match:
     reference_name : str or None
         Name of S_0.
     refined_map : ndarray of shape (n, n) or None
-        The functional map that the last step of the refinement matched points in; it runs as ``functional_map`` does.
+        The functional map that the last step of the refinement matched points in; it runs as
+        ``functional_map`` does.
     n_supporting : ndarray of int, shape (n_vertices_i,)
-        How many of the stable functions Y, the most stable first, agree that a vertex and its match are one point.
+        How many of the stable functions Y, the most stable first, agree that a vertex and its match
+        are one point.
     matrix : sparse array of shape (n_vertices_i, n_vertices_0)
-        The point map as a matrix whose rows sum to 1: with one entry each, or barycentric or soft if asked. It pulls
-        functions on S_0 back to S_i.
+        The point map as a matrix whose rows sum to 1: with one entry each, or barycentric or soft
+        if asked. It pulls functions on S_0 back to S_i.
     inverse : ndarray of int, shape (n_vertices_0,)
-        Point map of the other direction: vertex of S_i for each vertex of S_0, found in the same embedding.
+        Point map of the other direction: vertex of S_i for each vertex of S_0, found in the same
+        embedding.
     reference_hash : str or None
         ``content_hash`` of the mesh of S_0.
     misfit : float
-        Mean distance between matched points of the embedding, in units of the worst training shape that was left out.
-        Beyond 1 ``expected_error`` is raised, and ``confidence`` lowered, by its square.
+        Mean distance between matched points of the embedding, in units of the worst training shape
+        that was left out. Beyond 1 ``expected_error`` is raised, and ``confidence`` lowered, by its
+        square.
     familiar : bool or None
-        Whether the shape is like the training shapes: False where `UnfamiliarShapeWarning` named it. None if the
-        learner calibrates no errors.
+        Whether the shape is like the training shapes: False where `UnfamiliarShapeWarning` named
+        it. None if the learner calibrates no errors.
     """
 
     p2p: IntArray
@@ -71,9 +77,10 @@ class Match:
     familiar: bool | None = None
 
     def transfer(self, values: object, *, max_error: float | None = None) -> Any:
-        """Carry a function, labels, a segmentation or texture coordinates from the reference to this shape.
+        """Carry a function, labels or texture coordinates from the reference to this shape.
 
-        Numbers are interpolated as ``matrix`` says. Labels (integers, booleans, strings) are voted on with its weights.
+        Numbers are interpolated as ``matrix`` says. Labels (integers, booleans, strings) are voted
+        on with its weights.
 
         Parameters
         ----------
@@ -81,18 +88,20 @@ class Match:
             What the vertices of the reference hold; labels one-dimensional.
             Masked entries are unknown, and mask whatever they would reach.
         max_error : float, optional
-            Vertices with a larger ``expected_error``, in units of sqrt(area), are masked, as are all without a match.
+            Vertices with a larger ``expected_error``, in units of sqrt(area), are masked, as are
+            all without a match.
 
         Returns
         -------
         numpy.ma.MaskedArray of shape (n_vertices_i,) or (n_vertices_i, n_columns)
-            Values at the vertices of S_i. ``.data`` has all of them, ``.mask`` marks those that are not trusted, and
-            ``.filled(...)`` replaces them.
+            Values at the vertices of S_i. ``.data`` has all of them, ``.mask`` marks those that are
+            not trusted, and ``.filled(...)`` replaces them.
 
         Raises
         ------
         ValueError
-            If ``values`` does not have one entry for each vertex of the reference, or the match no matrix.
+            If ``values`` does not have one entry for each vertex of the reference, or the match no
+            matrix.
         TypeError
             If ``values`` are Python objects of other kinds than text.
 
@@ -102,7 +111,8 @@ class Match:
         >>> import scipy.sparse as sp
         >>> from skfmap import Match
         >>> C, error = np.eye(1), np.array([0.01, 0.2])
-        >>> match = Match(np.array([1, 0]), error, 1 - error, C, C, matrix=sp.csr_array([[0, 1.0], [1, 0]]))
+        >>> swapped = sp.csr_array([[0, 1.0], [1, 0]])
+        >>> match = Match(np.array([1, 0]), error, 1 - error, C, C, matrix=swapped)
         >>> match.transfer(["head", "tail"], max_error=0.1)
         masked_array(data=['tail', --],
                      mask=[False,  True],
@@ -116,8 +126,8 @@ class Match:
         n_0 = self.matrix.shape[1]
         if given.ndim not in (1, 2) or len(given) != n_0 or given.size == 0:
             raise ValueError(
-                f"values must have one entry or row for each of the {n_0} vertices of the reference; got shape "
-                f"{given.shape}."
+                f"values must have one entry or row for each of the {n_0} vertices of the "
+                f"reference; got shape {given.shape}."
             )
         if np.issubdtype(given.dtype, np.inexact):
             carried = self.matrix @ given
@@ -129,7 +139,9 @@ class Match:
         if self.expected_error is not None:
             doubtful = doubtful | np.isnan(self.expected_error)
         if max_error is not None:
-            doubtful = doubtful | (self._errors_to_expect() > check_number(max_error, "max_error", low=0))
+            doubtful = doubtful | (
+                self._errors_to_expect() > check_number(max_error, "max_error", low=0)
+            )
         mask = np.broadcast_to(doubtful.reshape(-1, *[1] * (given.ndim - 1)), carried.shape)
         if unknown is not None:
             mask = mask | (self.matrix @ unknown.astype(np.float64) > 0)
@@ -148,8 +160,8 @@ class Match:
         p2p : ndarray of int, shape (n_vertices_i,)
             Vertex of the other shape for each vertex of this one; -1 where either has no match.
         expected_error : ndarray of shape (n_vertices_i,) or None
-            Sum of the errors expected on both ways, in units of sqrt(area); NaN where there is no match, None if a
-            match has none.
+            Sum of the errors expected on both ways, in units of sqrt(area); NaN where there is no
+            match, None if a match has none.
 
         Raises
         ------
@@ -157,7 +169,9 @@ class Match:
             If the two were matched to different references.
         """
         if self.matrix is None or other.matrix is None or other.inverse is None:
-            raise ValueError("Both matches must come from a learner's match, with their matrices and inverses.")
+            raise ValueError(
+                "Both matches must come from a learner's match, with their matrices and inverses."
+            )
         if self._reference() != other._reference():
             raise ValueError(
                 f"Both shapes must be matched to one reference; got {self.reference_name!r} and "
@@ -171,8 +185,9 @@ class Match:
     def _errors_to_expect(self) -> FloatArray:
         if self.expected_error is None:
             raise ValueError(
-                f"The match of {label(self.name, 'shape')} has no expected errors: the learner was fitted with "
-                "confidence=None. Fit it with confidence='cross-fit', or leave max_error out."
+                f"The match of {label(self.name, 'shape')} has no expected errors: the learner "
+                "was fitted with confidence=None. Fit it with confidence='cross-fit', or leave "
+                "max_error out."
             )
         return self.expected_error
 
@@ -183,11 +198,16 @@ class Match:
     def _vote(self, labels: Any) -> Any:
         """Return the label of most weight at each vertex; the first in order among equals."""
         kinds, place = np.unique(labels, return_inverse=True)
-        members = sp.coo_array((np.ones(len(labels)), (np.arange(len(labels)), place)), shape=(len(labels), len(kinds)))
+        members = sp.coo_array(
+            (np.ones(len(labels)), (np.arange(len(labels)), place)), shape=(len(labels), len(kinds))
+        )
         return kinds[np.asarray((self.matrix @ members.tocsr()).todense()).argmax(axis=1)]
 
     def __repr__(self) -> str:
-        """Return a line with both names, the mean expected error, and how many vertices have no match."""
+        """Return a line with both names, the mean expected error, and how many vertices match.
+
+        How many vertices have no match.
+        """
         errors = self.expected_error
         known = self.p2p >= 0 if errors is None else ~np.isnan(errors)
         n_known = int(known.sum())
@@ -202,7 +222,10 @@ class Match:
 
 
 def _as_values(values: object) -> Any:
-    """Return what is to be carried as an array; texts that pandas keeps as objects become texts of numpy."""
+    """Return what is to be carried as an array.
+
+    Texts that pandas keeps as objects become texts of numpy.
+    """
     given = as_array(values, "values")
     if given.dtype.kind not in "biufcSUO":
         raise TypeError(f"values must be numbers or labels; got dtype {given.dtype}.")

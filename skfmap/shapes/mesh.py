@@ -34,11 +34,13 @@ class Mesh:
     Raises
     ------
     MeshError
-        If a coordinate is not finite, an index is out of range, a face is no triangle, or there is nothing at all.
+        If a coordinate is not finite, an index is out of range, a face is no triangle, or there is
+        nothing at all.
 
     Notes
     -----
-    A mesh has no length, no shape and no array interface on purpose: scikit-learn slices whatever looks like an array.
+    A mesh has no length, no shape and no array interface on purpose: scikit-learn slices whatever
+    looks like an array.
 
     Examples
     --------

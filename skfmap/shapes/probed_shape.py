@@ -19,14 +19,15 @@ class ProbedShape:
     spectral : SpectralShape
         The shape and its basis.
     probes : ndarray of shape (n_components, n_probes)
-        Raw coefficients of the probe functions in ``spectral.evecs``: neither centred nor normalised.
+        Raw coefficients of the probe functions in ``spectral.evecs``: neither centred nor
+        normalised.
     probe_names : tuple of str
         Name of each probe function, equal on all shapes that one transformer made.
     probe_categories : tuple of str
         Family of each probe function.
     recipe : tuple of str
-        Parameters of the basis and of the families that the coefficients depend on. Shapes are matched only if they
-        agree, as far as they are known.
+        Parameters of the basis and of the families that the coefficients depend on. Shapes are
+        matched only if they agree, as far as they are known.
     """
 
     spectral: SpectralShape
@@ -37,7 +38,8 @@ class ProbedShape:
 
     def __repr__(self) -> str:
         """Return a line with name and counts."""
-        return f"ProbedShape({self.name!r}, n_components={self.probes.shape[0]}, n_probes={self.probes.shape[1]})"
+        n_components, n_probes = self.probes.shape
+        return f"ProbedShape({self.name!r}, n_components={n_components}, n_probes={n_probes})"
 
     @property
     def name(self) -> str | None:
@@ -45,5 +47,8 @@ class ProbedShape:
         return self.spectral.name
 
     def functions(self) -> FloatArray:
-        """Return the probe functions on the vertices, smoothed by the basis; shape (n_vertices, n_probes)."""
+        """Return the probe functions on the vertices, smoothed by the basis.
+
+        Shape (n_vertices, n_probes).
+        """
         return np.asarray(self.spectral.evecs @ self.probes)

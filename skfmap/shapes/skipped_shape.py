@@ -9,8 +9,9 @@ __all__ = ["SkippedShape"]
 class SkippedShape:
     """The place of a shape that cannot be used, so that those behind it keep theirs.
 
-    `SpectralBasis` leaves it behind with ``on_invalid="skip"``, and with ``"repair"`` where that fails. It goes through
-    the pipeline as it is, is left out of a fit, and is answered with NaN and -1.
+    `SpectralBasis` leaves it behind with ``on_invalid="skip"``, and with ``"repair"`` where that
+    fails. It goes through the pipeline as it is, is left out of a fit, and is answered with NaN and
+    -1.
 
     Attributes
     ----------

@@ -17,8 +17,8 @@ class SpectralShape:
     Attributes
     ----------
     mesh : Mesh
-        The mesh in its own units, numbered as given. Its faces are wound consistently and outwards where that can be
-        told (``oriented`` says so); otherwise they are as given.
+        The mesh in its own units, numbered as given. Its faces are wound consistently and outwards
+        where that can be told (``oriented`` says so); otherwise they are as given.
     evals : ndarray of shape (n_components,)
         Eigenvalues of the Laplacian of the shape scaled to unit area, ascending; ``evals[0]`` is 0.
     evecs : ndarray of shape (n_vertices, n_components)
@@ -36,8 +36,8 @@ class SpectralShape:
     laplacian : str
         Which Laplacian the eigenfunctions are of.
     vertex_map : ndarray of int, shape (n_vertices_given,), or None
-        If the mesh was mended: number in ``mesh`` of each vertex that was given, -1 where it was removed. None if
-        vertices have their own numbers.
+        If the mesh was mended: number in ``mesh`` of each vertex that was given, -1 where it was
+        removed. None if vertices have their own numbers.
     """
 
     mesh: Mesh
@@ -53,7 +53,8 @@ class SpectralShape:
 
     def __repr__(self) -> str:
         """Return a line with name and counts."""
-        return f"SpectralShape({self.mesh.name!r}, n_vertices={self.mesh.n_vertices}, n_components={len(self.evals)})"
+        counts = f"n_vertices={self.mesh.n_vertices}, n_components={len(self.evals)}"
+        return f"SpectralShape({self.mesh.name!r}, {counts})"
 
     @property
     def name(self) -> str | None:

@@ -1,14 +1,34 @@
 """The shapes of X that can be used, and those that are skipped, each at its index."""
 
 from collections.abc import Callable, Sequence
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeAlias
+
+import numpy as np
+import numpy.typing as npt
 
 from skfmap._tools.validation import label
 from skfmap._tools.warn import warn
 from skfmap.exceptions import RepairWarning, SkippedShapeWarning
+from skfmap.shapes.correspondence import Correspondence
+from skfmap.shapes.probed_shape import ProbedShape
 from skfmap.shapes.skipped_shape import SkippedShape
 
-__all__ = ["Usable", "describe", "pick_usable", "put_back", "skipped_message", "warn_of_repairs", "warn_of_skipped"]
+__all__ = [
+    "Answer",
+    "ProbedItem",
+    "Usable",
+    "describe",
+    "pick_usable",
+    "put_back",
+    "skipped_message",
+    "warn_of_repairs",
+    "warn_of_skipped",
+]
+
+
+# What the learner's X and y hold.
+ProbedItem: TypeAlias = ProbedShape | SkippedShape
+Answer: TypeAlias = Correspondence | npt.NDArray[np.integer[Any]] | Sequence[Sequence[int]]
 
 
 class Usable(NamedTuple):
@@ -26,24 +46,38 @@ def pick_usable(X: Sequence[Any]) -> Usable:
     return Usable([X[i] for i in indices], indices, skipped)
 
 
-def put_back(answers: Sequence[Any], usable: Usable, empty: Callable[[SkippedShape], Any]) -> list[Any]:
-    """Return the answers in the order of X, with ``empty(shape)`` for the shapes that were skipped."""
+def put_back(
+    answers: Sequence[Any], usable: Usable, empty: Callable[[SkippedShape], Any]
+) -> list[Any]:
+    """Return the answers in the order of X; ``empty(shape)`` stands for those skipped."""
     known = dict(zip(usable.indices, answers, strict=True))
     known |= {i: empty(shape) for i, shape in usable.skipped.items()}
     return [known[i] for i in range(len(known))]
 
 
 def describe(i: int, shape: object) -> str:
-    """Return what messages call the shape at index ``i`` of X: by the caller's numbering, and by name if it has one."""
+    """Return what messages call the shape at index ``i`` of X.
+
+    By the caller's numbering, and by name if it has one.
+    """
     name = getattr(shape, "name", None)
     return f"X[{i}]" if name is None else f"X[{i}] ({name!r})"
 
 
 def skipped_message(shapes: Sequence[Any], told: Sequence[Any] = ()) -> str:
-    """Return which shapes are left out and why, or nothing; those skipped in ``told`` have been named before."""
+    """Return which shapes are left out and why, or nothing.
+
+    Those skipped in ``told`` have been named before.
+    """
     before = {i for i, shape in enumerate(told) if isinstance(shape, SkippedShape)}
-    skipped = [(i, one) for i, one in enumerate(shapes) if isinstance(one, SkippedShape) and i not in before]
-    reasons = "; ".join(f"X[{i}], {label(shape.name, 'shape')}: {shape.reason}" for i, shape in skipped)
+    skipped = [
+        (i, one)
+        for i, one in enumerate(shapes)
+        if isinstance(one, SkippedShape) and i not in before
+    ]
+    reasons = "; ".join(
+        f"X[{i}], {label(shape.name, 'shape')}: {shape.reason}" for i, shape in skipped
+    )
     return f"{len(skipped)} of {len(shapes)} shapes are left out. {reasons}" if skipped else ""
 
 

@@ -2,9 +2,10 @@
 
     python tests/benchmarks/bases.py
 
-Meshes: a TOSCA cat of 27,894 vertices and the same cat subdivided once (111,500), if the data folder is there; else
-creatures of 20,000 vertices and 80,000. Residuals are those of |L v - lambda M v| in the norm of the inverse mass
-matrix, for unit functions, over max(lambda, 1); the largest of all is printed. One thread.
+Meshes: a TOSCA cat of 27,894 vertices and the same cat subdivided once (111,500), if the data
+folder is there; else creatures of 20,000 vertices and 80,000. Residuals are those of |L v - lambda
+M v| in the norm of the inverse mass matrix, for unit functions, over max(lambda, 1); the largest of
+all is printed. One thread.
 """
 
 import time
@@ -27,7 +28,7 @@ REPEATS = 3
 
 
 def plain(stiffness, mass):
-    """Return what `scipy.sparse.linalg.eigsh` finds, told nothing but the shift and a start vector."""
+    """Return what `scipy.sparse.linalg.eigsh` finds, given but the shift and a start vector."""
     M = sp.diags_array(mass).tocsc()
     return eigsh(stiffness, N_COMPONENTS, M=M, sigma=-0.01, v0=np.ones(len(mass)))
 
@@ -42,7 +43,10 @@ def meshes():
     files = sorted((DATA / "tosca_full").glob("cat0*"))
     (mesh,) = as_meshes(files[:1]) if files else make_creatures(1, 20000).meshes
     fine = trimesh.Trimesh(mesh.vertices, mesh.faces, process=False).subdivide()
-    for vertices, faces in ((mesh.vertices, mesh.faces), (np.asarray(fine.vertices), np.asarray(fine.faces))):
+    for vertices, faces in (
+        (mesh.vertices, mesh.faces),
+        (np.asarray(fine.vertices), np.asarray(fine.faces)),
+    ):
         yield vertices / np.sqrt(igl.doublearea(vertices, faces).sum() / 2), faces
 
 
@@ -63,7 +67,10 @@ def main():
                     seconds[name].append(time.perf_counter() - started)
         for name, (evals, evecs) in results.items():
             left = residual(stiffness, mass, evals, evecs)
-            print(f"{len(mass):>8} vertices  {name:<6}{np.median(seconds[name]):>8.2f} s   residual {left:.1e}")
+            print(
+                f"{len(mass):>8} vertices  {name:<6}{np.median(seconds[name]):>8.2f} s   residual "
+                f"{left:.1e}"
+            )
         ratio = np.median(seconds["eigsh"]) / np.median(seconds["ours"])
         apart = np.abs(results["ours"][0] - np.sort(results["eigsh"][0])).max()
         print(f"{'':>18}ratio {ratio:.2f}, eigenvalues {apart:.0e} apart", flush=True)

@@ -1,9 +1,10 @@
-"""A grid search over epsilon and weighting on the cats, from a cold cache: its table, its time, the bases it computed.
+"""A grid search over epsilon and weighting on the cats: its table, time and computed bases.
 
     python tests/benchmarks/grid_search.py [--jobs N] [--creatures]
 
-20 settings in 5 folds, all on one reference. Then the same search inside an outer loop, which scores its winner on
-shapes that the search did not see, against the default parameters. ``--creatures`` runs it on the embedded collection.
+20 settings in 5 folds, all on one reference. Then the same search inside an outer loop, which
+scores its winner on shapes that the search did not see, against the default parameters.
+``--creatures`` runs it on the embedded collection.
 """
 
 import argparse
@@ -54,7 +55,7 @@ def search_of(model, n_splits, n_jobs):
 
 @contextlib.contextmanager
 def counted_calls(counts):
-    """Count the calls that reach no cache, from this process and its workers: they write to one file."""
+    """Count the calls that reach no cache, from this process and its workers, in one file."""
     with tempfile.TemporaryFile("w+") as told:
         sys.stdout.flush()
         kept = os.dup(1)
@@ -77,7 +78,9 @@ def told(params):
 def main():
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--jobs", type=int, default=1)
-    parser.add_argument("--creatures", action="store_true", help="the embedded collection instead of the cats")
+    parser.add_argument(
+        "--creatures", action="store_true", help="the embedded collection instead of the cats"
+    )
     parser.add_argument("--no-outer", action="store_true", help="the search alone")
     options = parser.parse_args()
     if options.creatures or not DATA.exists():
@@ -92,17 +95,25 @@ def main():
         seconds = time.perf_counter() - begun
         results = search.cv_results_
         print(
-            f"{len(results['params'])} settings x 5 folds on {len(X)} shapes, n_jobs={options.jobs}: {seconds:.0f} s,"
+            f"{len(results['params'])} settings x 5 folds on {len(X)} shapes, "
+            f"n_jobs={options.jobs}: {seconds:.0f} s,"
         )
-        print(f"from a cold cache {counts['bases']} bases and {counts['descriptors']} sets of probes computed.\n")
+        print(
+            f"from a cold cache {counts['bases']} bases and {counts['descriptors']} sets of "
+            "probes computed.\n"
+        )
         for i in np.argsort(results["rank_test_score"]):
             print(
-                f"{-100 * results['mean_test_score'][i]:8.2f} +- {100 * results['std_test_score'][i]:5.2f}  "
-                f"fit {results['mean_fit_time'][i]:5.1f} s   {told(results['params'][i])}"
+                f"{-100 * results['mean_test_score'][i]:8.2f} +- "
+                f"{100 * results['std_test_score'][i]:5.2f}  fit "
+                f"{results['mean_fit_time'][i]:5.1f} s   {told(results['params'][i])}"
             )
         if options.no_outer:
             return
-        print("\nOuter loop: consistent error x 100 of the winner on shapes that its search did not see")
+        print(
+            "\nOuter loop: consistent error x 100 of the winner on shapes that its search did not "
+            "see"
+        )
         winners, defaults = [], []
         outer = PinnedReference(KFold(5))
         with contextlib.redirect_stdout(io.StringIO()):
@@ -114,7 +125,11 @@ def main():
                 inner = search_of(plain, 4, options.jobs).fit(*part)
                 winners.append(-100 * inner.score(*rest))
                 defaults.append(-100 * SCORER(clone(plain).fit(*part), *rest))
-            print(f"{winners[-1]:8.2f} winner, {defaults[-1]:8.2f} default   {told(inner.best_params_)}", flush=True)
+            print(
+                f"{winners[-1]:8.2f} winner, {defaults[-1]:8.2f} default   "
+                f"{told(inner.best_params_)}",
+                flush=True,
+            )
         print(f"{np.mean(winners):8.2f} winner, {np.mean(defaults):8.2f} default   mean")
 
 

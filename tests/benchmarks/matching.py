@@ -1,13 +1,13 @@
-"""Maps and their refinement, and how far the expected errors can be trusted, on shapes left out in turn.
+"""Errors of maps, of their refinement and of the expectation, on shapes left out in turn.
 
     python tests/benchmarks/matching.py cats
     python tests/benchmarks/matching.py horses
     python tests/benchmarks/matching.py women-split
     python tests/benchmarks/matching.py women-split --bridge
 
-Needs the data folder (``SKFMAP_DATA``, else ``../shared/data`` beside the checkout). Cats are the development set:
-every default, and both settings below, were chosen on them. Of the women, one half of the landmarks is given to
-``fit``, the other half is scored; all twelve are left out in turn.
+Needs the data folder (``SKFMAP_DATA``, else ``../shared/data`` beside the checkout). Cats are the
+development set: every default, and both settings below, were chosen on them. Of the women, one half
+of the landmarks is given to ``fit``, the other half is scored; all twelve are left out in turn.
 """
 
 import argparse
@@ -21,7 +21,12 @@ from scipy.stats import spearmanr
 from sklearn.model_selection import LeaveOneOut
 from threadpoolctl import threadpool_limits
 
-from skfmap import BridgedLearner, DescriptorTransformer, SpectralBasis, WeightedFunctionalMapLearner
+from skfmap import (
+    BridgedLearner,
+    DescriptorTransformer,
+    SpectralBasis,
+    WeightedFunctionalMapLearner,
+)
 from skfmap.datasets import load_collection
 from skfmap.metrics import pair_errors, reference_distances
 from skfmap.model_selection import PinnedReference
@@ -47,38 +52,63 @@ def run_fold(shapes, given, scored, split, parameters, tables, refinements, brid
             started = time.perf_counter()
             (match,) = learner.match([shapes[test]], refine=refine)
             seconds = time.perf_counter() - started
-            heat, edges = (pair_errors(match.p2p, scored[test], scored[0], table) for table in tables)
-            means = [errors.mean(kind) for errors in (heat, edges) for kind in ("direct", "consistent")]
-            expected = match.expected_error[heat.vertices] if refine in (None, refinements[-1]) else None
+            heat, edges = (
+                pair_errors(match.p2p, scored[test], scored[0], table) for table in tables
+            )
+            means = [
+                errors.mean(kind) for errors in (heat, edges) for kind in ("direct", "consistent")
+            ]
+            expected = (
+                match.expected_error[heat.vertices] if refine in (None, refinements[-1]) else None
+            )
             found[refine] = (means, seconds, heat.direct, expected)
-    return found, fitting, getattr(learner, "bridge_errors_", {}), getattr(learner, "bridge_", None) is not None
+    return (
+        found,
+        fitting,
+        getattr(learner, "bridge_errors_", {}),
+        getattr(learner, "bridge_", None) is not None,
+    )
 
 
 def report(name, folds, refinements):
     """Print the rows of one setting."""
     for refine in refinements:
         rows = [found[refine] for found, *_ in folds]
-        cells = "".join(f"{value:>9.2f}" for value in 100 * np.mean([means for means, *_ in rows], axis=0))
-        print(f"{name:<26}{refine!s:<20}{cells}{np.median([seconds for _, seconds, *_ in rows]):>8.2f} s")
+        cells = "".join(
+            f"{value:>9.2f}" for value in 100 * np.mean([means for means, *_ in rows], axis=0)
+        )
+        seconds = np.median([time for _, time, *_ in rows])
+        print(f"{name:<26}{refine!s:<20}{cells}{seconds:>8.2f} s")
         if rows[0][3] is None:
             continue
         errors, expected = (np.concatenate([row[j] for row in rows]) for j in (2, 3))
         trusted = expected <= np.median(expected)
         print(
-            f"{'':<46}expected {100 * expected.mean():.2f}, true {100 * errors.mean():.2f}; the half most trusted has "
-            f"{errors[trusted].mean() / errors.mean():.3f} of the mean error; rank correlation "
-            f"{spearmanr(expected, errors)[0]:.3f}"
+            f"{'':<46}expected {100 * expected.mean():.2f}, true {100 * errors.mean():.2f}; the "
+            f"half most trusted has {errors[trusted].mean() / errors.mean():.3f} of the mean "
+            f"error; rank correlation {spearmanr(expected, errors)[0]:.3f}"
         )
         for part in np.array_split(np.argsort(expected), 5):
-            print(f"{'':<46}  expected {100 * expected[part].mean():6.2f}  true {100 * errors[part].mean():6.2f}")
+            print(
+                f"{'':<46}  expected {100 * expected[part].mean():6.2f}  true "
+                f"{100 * errors[part].mean():6.2f}"
+            )
     print(f"{'':<26}fit {np.median([fitting for _, fitting, *_ in folds]):.1f} s", flush=True)
     if folds[0][2]:
-        ways = {way: round(100 * np.mean([errors[way] for *_, errors, _ in folds]), 2) for way in folds[0][2]}
-        print(f"{'':<26}errors on training shapes left out {ways}; bridges taken {sum(taken for *_, taken in folds)}")
+        ways = {
+            way: round(100 * np.mean([errors[way] for *_, errors, _ in folds]), 2)
+            for way in folds[0][2]
+        }
+        print(
+            f"{'':<26}errors on training shapes left out {ways}; bridges taken "
+            f"{sum(taken for *_, taken in folds)}"
+        )
 
 
 def main():
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("dataset", choices=[name for name in SETS if name != "women"])
     parser.add_argument("--jobs", type=int, default=2, help="folds at a time")
     parser.add_argument("--bridge", action="store_true", help="let the learner look for a bridge")
@@ -90,12 +120,22 @@ def main():
     given, scored = halves(collection.correspondences, "noniso" in folder)
     spectral = SpectralBasis(options.components, n_jobs=2).transform(collection.meshes)
     shapes = DescriptorTransformer(n_jobs=2).transform(spectral)
-    tables = [reference_distances(collection.meshes[0], method, n_jobs=2) for method in ("heat", "dijkstra")]
+    tables = [
+        reference_distances(collection.meshes[0], method, n_jobs=2)
+        for method in ("heat", "dijkstra")
+    ]
     for table in tables:
         table.rows(np.arange(collection.meshes[0].n_vertices))
     refinements = REFINEMENTS if options.all else (None, "bijective-zoomout")
-    print(f"{options.dataset}: {len(shapes) - 1} shapes left out in turn, reference {reference}; x 100 / sqrt(area)")
-    print(f"{'':<46}{'heat method':^18}{'edge paths':^18}\n{'':<46}" + f"{'direct':>9}{'consist.':>9}" * 2 + "   match")
+    print(
+        f"{options.dataset}: {len(shapes) - 1} shapes left out in turn, reference {reference}; x "
+        "100 / sqrt(area)"
+    )
+    print(
+        f"{'':<46}{'heat method':^18}{'edge paths':^18}\n{'':<46}"
+        + f"{'direct':>9}{'consist.':>9}" * 2
+        + "   match"
+    )
     folds = list(PinnedReference(LeaveOneOut()).split(range(len(shapes))))
     for name, parameters in SETTINGS.items():
         how = (parameters, tables, refinements, options.bridge)

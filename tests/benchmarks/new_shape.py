@@ -2,8 +2,9 @@
 
     python tests/benchmarks/new_shape.py
 
-Needs the cats. pyFM (``pip install pyfmaps``; it is in the dependency group "benchmarks") gets the same probes on the
-same pair and the same regulariser, without its commutativity terms, which we do not have. One thread.
+Needs the cats. pyFM (``pip install pyfmaps``; it is in the dependency group "benchmarks") gets the
+same probes on the same pair and the same regulariser, without its commutativity terms, which we do
+not have. One thread.
 """
 
 import time
@@ -39,7 +40,7 @@ def steps(learner, mesh):
 
 
 def against_pyfm(reference, shape):
-    """Print the time of one functional map, ours and pyFM's, and how well each fits the objective."""
+    """Print the time of a functional map, ours and pyFM's, and how well each fits the objective."""
     try:
         from pyFM.functional import FunctionalMapping  # noqa: PLC0415
         from pyFM.mesh import TriMesh  # noqa: PLC0415
@@ -56,10 +57,17 @@ def against_pyfm(reference, shape):
         sides.append(mesh)
     model = FunctionalMapping(*sides)
     # The same probes as functions on the vertices, in the very eigenfunctions that pyFM uses.
-    model.add_descriptors(*(mesh.eigenvectors[:, :K] @ g for mesh, g in zip(sides, (g_0, g_i), strict=True)), False)
+    model.add_descriptors(
+        *(mesh.eigenvectors[:, :K] @ g for mesh, g in zip(sides, (g_0, g_i), strict=True)), False
+    )
     # pyFM divides its mask of squared differences by their sum.
     whole = np.square(sides[0].eigenvalues[None, :K] - sides[1].eigenvalues[:K, None]).sum()
-    weights = {"w_descr": 1.0, "w_lap": ALPHA * whole / evals_0[-1] ** 2, "w_dcomm": 0, "w_orient": 0}
+    weights = {
+        "w_descr": 1.0,
+        "w_lap": ALPHA * whole / evals_0[-1] ** 2,
+        "w_dcomm": 0,
+        "w_orient": 0,
+    }
     options = {"use_resolvent_laplacian": False, "normalize_weights": False}
 
     def theirs(**tighter):
@@ -78,16 +86,23 @@ def against_pyfm(reference, shape):
     seconds = median_seconds(routes, 3)
     for name, route in routes.items():
         ratio = seconds[name] / seconds["ours"]
-        print(f"{name:<34}{1e3 * seconds[name]:>8.1f} ms {ratio:>8.1f} times   objective {objective(route()):.4f}")
+        print(
+            f"{name:<34}{1e3 * seconds[name]:>8.1f} ms {ratio:>8.1f} times   objective "
+            f"{objective(route()):.4f}"
+        )
 
 
 def main():
     collection = load_collection(DATA / "tosca_isometric", "cat*", "cat0")
-    shapes = DescriptorTransformer(n_jobs=2).transform(SpectralBasis(n_jobs=2).transform(collection.meshes))
+    shapes = DescriptorTransformer(n_jobs=2).transform(
+        SpectralBasis(n_jobs=2).transform(collection.meshes)
+    )
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         started = time.perf_counter()
-        learner = WeightedFunctionalMapLearner(n_jobs=2).fit(shapes[:-1], collection.correspondences[:-1])
+        learner = WeightedFunctionalMapLearner(n_jobs=2).fit(
+            shapes[:-1], collection.correspondences[:-1]
+        )
         print(f"{'fit on nine shapes, two cores':<34}{time.perf_counter() - started:>8.3f} s")
         learner.set_params(n_jobs=None)
         with one_thread():

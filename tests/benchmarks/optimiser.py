@@ -1,10 +1,11 @@
-"""The search for weights against plain L-BFGS on all log-weights at once, with the same objective, in one run.
+"""The search for weights against plain L-BFGS on all log-weights, with the same objective.
 
     python tests/benchmarks/optimiser.py
     python tests/benchmarks/optimiser.py --creatures
 
-Ten training shapes, k = 50, with 50, 105 and 310 weights. Both searches end by the same gradient tolerance; how long
-ours takes to undercut where the plain one ends is printed too. Two threads over shapes where that pays; BLAS has one.
+Ten training shapes, k = 50, with 50, 105 and 310 weights. Both searches end by the same gradient
+tolerance; how long ours takes to undercut where the plain one ends is printed too. Two threads over
+shapes where that pays; BLAS has one.
 """
 
 import argparse
@@ -27,7 +28,7 @@ REPEATS = 3
 
 
 def plain(problem, epsilon, m, tol):
-    """Return loss, evaluations and whether it converged, of L-BFGS with scipy's settings but for the stopping rule."""
+    """Return loss, evaluations and convergence of L-BFGS, by scipy but for the stopping rule."""
     scale = problem.sample_weight.sum() * (K - 1)
 
     def loss_gradient(log_weights):
@@ -74,8 +75,12 @@ def timed(*searches):
 
 
 def main():
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--creatures", action="store_true", help="the package's own shapes instead of the cats")
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument(
+        "--creatures", action="store_true", help="the package's own shapes instead of the cats"
+    )
     options = parser.parse_args()
     collection = "creatures" if options.creatures else "cats"
     for m in FAMILIES:
@@ -88,15 +93,19 @@ def main():
                 searches = {
                     "plain": partial(plain, problem, epsilon, m, tol),
                     "ours": partial(ours, problem, epsilon, arrays["categories"], tol),
-                    "ours, until": partial(ours, problem, epsilon, arrays["categories"], 1e-9, goal),
+                    "ours, until": partial(
+                        ours, problem, epsilon, arrays["categories"], 1e-9, goal
+                    ),
                 }
                 rows = dict(zip(searches, timed(*searches.values()), strict=True))
             for name, ((loss, n_evaluations, converged), seconds) in rows.items():
                 share = seconds / rows["plain"][1]
-                word = "converged" if converged else ("" if name == "ours, until" else "not converged")
+                word = (
+                    "converged" if converged else ("" if name == "ours, until" else "not converged")
+                )
                 print(
-                    f"{m:>4} weights, tol {tol:g}  {name:<12} loss {loss:>9.3f}{n_evaluations:>5} evaluations"
-                    f"{seconds:>7.2f} s  {share:>5.2f} of plain  {word}",
+                    f"{m:>4} weights, tol {tol:g}  {name:<12} loss {loss:>9.3f}{n_evaluations:>5} "
+                    f"evaluations{seconds:>7.2f} s  {share:>5.2f} of plain  {word}",
                     flush=True,
                 )
 

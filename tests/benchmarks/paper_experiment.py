@@ -5,8 +5,8 @@
     python tests/benchmarks/paper_experiment.py women
     python tests/benchmarks/paper_experiment.py women-split
 
-Needs the data folder (``SKFMAP_DATA``, else ``../shared/data`` beside the checkout). Cats are the development set:
-every default was chosen on them. Horses and women are held back.
+Needs the data folder (``SKFMAP_DATA``, else ``../shared/data`` beside the checkout). Cats are the
+development set: every default was chosen on them. Horses and women are held back.
 
 Women: one half of the landmarks is given to ``fit``, the other half is scored.
 """
@@ -81,14 +81,17 @@ def fit(shapes, truths, train, parameters):
 
 
 def naive_alphas(shapes, truths, train, distances):
-    """Return, for each matching, the alpha at which the naive map is best on the training shapes, per vertex."""
+    """Return for each matching the alpha at which the naive map is best on the training shapes."""
     costs = {name: [] for name in MATCHINGS}
     others = [shapes[j] for j in train[1:]]
     for alpha in ALPHAS:
         learner, _, _ = fit(shapes, truths, train, {"weighting": None, "alpha": alpha})
         for name, how in MATCHINGS.items():
             p2ps = learner.point_maps(others, **how)
-            errors = [pair_errors(p, truths[j], truths[0], distances) for p, j in zip(p2ps, train[1:], strict=True)]
+            errors = [
+                pair_errors(p, truths[j], truths[0], distances)
+                for p, j in zip(p2ps, train[1:], strict=True)
+            ]
             costs[name].append(np.mean([e.mean("per_vertex") for e in errors]))
     return {name: ALPHAS[int(np.argmin(cost))] for name, cost in costs.items()}
 
@@ -114,7 +117,9 @@ def run_fold(shapes, given, scored, split, parameters, tables, choose_alpha):
         # The ground truth of the left-out shape, as the learner would fit it from what is scored.
         join = scored[test].join(scored[0])
         (truth,) = ground_truth_maps([shapes[test]], shapes[0], [join], learner.n_functions)
-        result.basis_error = basis_error(learner.functional_maps([shapes[test]])[0], truth, learner.stable_basis_)
+        result.basis_error = basis_error(
+            learner.functional_maps([shapes[test]])[0], truth, learner.stable_basis_
+        )
         result.n_iter = learner.n_iter_
     return result
 
@@ -133,9 +138,10 @@ def report(name, folds):
     n_converged = sum(fold.converged for fold in folds)
     print(
         f"{'':<30}training {np.median(seconds):.1f} s (max {seconds.max():.1f}), "
-        f"{np.mean([fold.n_iter for fold in folds]):.0f} iterations, converged {n_converged}/{len(folds)}\n"
-        f"{'':<30}basis error: first half / second half {first / second:.2f}\n"
-        f"{'':<30}alpha {sorted({alpha for fold in folds for alpha in fold.alphas})}",
+        f"{np.mean([fold.n_iter for fold in folds]):.0f} iterations, converged "
+        f"{n_converged}/{len(folds)}\n{'':<30}basis error: first half / second half "
+        f"{first / second:.2f}\n{'':<30}alpha "
+        f"{sorted({alpha for fold in folds for alpha in fold.alphas})}",
         flush=True,
     )
 
@@ -148,27 +154,40 @@ def splits_of(dataset, n):
 
 
 def main():
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("dataset", choices=SETS)
-    parser.add_argument("--jobs", type=int, default=2, help="folds at a time; 1 for honest training times")
+    parser.add_argument(
+        "--jobs", type=int, default=2, help="folds at a time; 1 for honest training times"
+    )
     parser.add_argument("--only", default="", help="run the settings whose name contains this")
     options = parser.parse_args()
     folder, pattern, reference = SETS[options.dataset]
     collection = load_collection(DATA / folder, pattern, reference)
     given, scored = halves(collection.correspondences, "noniso" in folder)
     spectral = SpectralBasis(n_jobs=2).transform(collection.meshes)
-    tables = [reference_distances(collection.meshes[0], method, n_jobs=2) for method in ("heat", "dijkstra")]
+    tables = [
+        reference_distances(collection.meshes[0], method, n_jobs=2)
+        for method in ("heat", "dijkstra")
+    ]
     for table in tables:
         table.rows(np.arange(collection.meshes[0].n_vertices))
     settings = [
         ("paper, D = I, own best alpha", "paper", {"weighting": None}, True),
-        *((f"paper, {w}", "paper", {"weighting": w}, False) for w in ("unique", "category", "function")),
+        *(
+            (f"paper, {w}", "paper", {"weighting": w}, False)
+            for w in ("unique", "category", "function")
+        ),
         ("oriented, D = I", None, {"weighting": None}, False),
         ("oriented, function", None, {"weighting": "function"}, False),
     ]
     if "noniso" in folder:
         settings.append(("paper-310, function", "paper-310", {"weighting": "function"}, False))
-    print(f"{options.dataset}: reference {reference}, {len(collection.meshes) - 1} others; x 100 / sqrt(area)")
+    print(
+        f"{options.dataset}: reference {reference}, {len(collection.meshes) - 1} others; x 100 / "
+        "sqrt(area)"
+    )
     kinds = "".join(f"{kind:>9}" for kind in ("direct", "consist.", "vertex"))
     print(f"{'':<48}{'heat method':^27}{'edge paths (Dijkstra)':^27}\n{'':<48}{kinds}{kinds}")
     folds = splits_of(options.dataset, len(collection.meshes))
@@ -176,7 +195,10 @@ def main():
         if options.only not in name:
             continue
         shapes = DescriptorTransformer(families, n_jobs=2).transform(spectral)
-        calls = (delayed(run_fold)(shapes, given, scored, split, parameters, tables, choose_alpha) for split in folds)
+        calls = (
+            delayed(run_fold)(shapes, given, scored, split, parameters, tables, choose_alpha)
+            for split in folds
+        )
         with tempfile.TemporaryDirectory() as scratch:
             report(name, Parallel(n_jobs=options.jobs, temp_folder=scratch)(calls))
 

@@ -2,8 +2,9 @@
 
     python tests/benchmarks/probes.py
 
-Meshes of 5,000 vertices (a creature), and spheres of 4,098, 16,386 and 65,538; a TOSCA cat of 27,894 if the data
-folder is there. One thread; basis computed before. Memory is what numpy allocated at most, over what was there.
+Meshes of 5,000 vertices (a creature), and spheres of 4,098, 16,386 and 65,538; a TOSCA cat of
+27,894 if the data folder is there. One thread; basis computed before. Memory is what numpy
+allocated at most, over what was there.
 """
 
 import tracemalloc
@@ -28,14 +29,17 @@ def main():
     for mesh in meshes():
         shapes = SpectralBasis(n_jobs=1).transform([mesh])
         with one_thread():
-            seconds = median_seconds({"probes": lambda shapes=shapes: transformer.transform(shapes)}, 3)["probes"]
+            seconds = median_seconds(
+                {"probes": lambda shapes=shapes: transformer.transform(shapes)}, 3
+            )["probes"]
         tracemalloc.start()
         transformer.transform(shapes)
         peak = tracemalloc.get_traced_memory()[1]
         tracemalloc.stop()
         n = mesh.n_vertices
         print(
-            f"{n:>8} vertices{seconds:>8.2f} s{1e6 * seconds / n:>8.1f} us a vertex{peak / n / 1024:>8.1f} KiB a vertex"
+            f"{n:>8} vertices{seconds:>8.2f} s{1e6 * seconds / n:>8.1f} us a "
+            f"vertex{peak / n / 1024:>8.1f} KiB a vertex"
         )
 
 

@@ -1,4 +1,4 @@
-"""Learning problems for the benchmarks: the cats, or as many of the package's own creatures as asked."""
+"""Learning problems for the benchmarks: the cats, or the package's own creatures."""
 
 import os
 import tempfile
@@ -20,7 +20,7 @@ MEMORY = joblib.Memory(Path(tempfile.gettempdir()) / "skfmap-benchmarks", verbos
 
 @MEMORY.cache
 def learning_arrays(collection, n_training, k, m):
-    """Return the arguments of `learn_functional_maps` for ``n_training`` shapes beside the reference.
+    """Return arguments of `learn_functional_maps` for ``n_training`` shapes and the reference.
 
     Kept in the folder for temporary files, because three hundred creatures take minutes to make.
     """

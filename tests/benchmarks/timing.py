@@ -1,4 +1,4 @@
-"""Two routes timed in one run: calls alternate, so that a noisy machine slows both, and medians are compared."""
+"""Routes timed in one run, by turns, so that a noisy machine slows them alike."""
 
 import statistics
 import time
@@ -8,7 +8,7 @@ from threadpoolctl import threadpool_limits
 
 
 def median_seconds(routes: dict[str, Callable[[], object]], repeats: int = 7) -> dict[str, float]:
-    """Call each route once to warm up, then all of them in turn, and return the median time of each."""
+    """Call each route once to warm up, then all in turn; return the median time of each."""
     for route in routes.values():
         route()
     seconds: dict[str, list[float]] = {name: [] for name in routes}
@@ -21,5 +21,5 @@ def median_seconds(routes: dict[str, Callable[[], object]], repeats: int = 7) ->
 
 
 def one_thread() -> threadpool_limits:
-    """Hold BLAS and OpenMP down to one thread, as the library does where it uses the cores itself."""
+    """Hold BLAS and OpenMP to one thread, as the library does where it uses the cores itself."""
     return threadpool_limits(limits=1)

@@ -1,14 +1,16 @@
-"""What the verdicts of a report are worth: whether expected errors tell good points from bad, on shapes left out.
+"""Whether the verdicts of a report on expected errors are right, on shapes left out.
 
     python tests/benchmarks/verdicts.py
 
-Creatures need no data. Cats, people 0 to 4 and animals are added where the data folder is found (``SKFMAP_DATA``, else
-``../shared/data`` beside the checkout). A few shapes of each, three folds, a thousand points scored; the thresholds of
-``skfmap/report/_verdict.py`` were chosen by this table. Columns, over the points of all shapes left out, times 100
-where they are errors: mean true and expected error and their ratio; rank correlation of the two, and the lowest of a
-single shape; true mean error of the half of the points that is trusted more, over that of all points; mean error
-without learned weights over that with them, and on how many shapes weights helped; error of the worst shape over the
-median; and the largest share that the error is of the one against the symmetric answer, where that is known.
+Creatures need no data. Cats, people 0 to 4 and animals are added where the data folder is found
+(``SKFMAP_DATA``, else ``../shared/data`` beside the checkout). A few shapes of each, three folds, a
+thousand points scored; the thresholds of ``skfmap/report/_verdict.py`` were chosen by this table.
+Columns, over the points of all shapes left out, times 100 where they are errors: mean true and
+expected error and their ratio; rank correlation of the two, and the lowest of a single shape; true
+mean error of the half of the points that is trusted more, over that of all points; mean error
+without learned weights over that with them, and on how many shapes weights helped; error of the
+worst shape over the median; and the largest share that the error is of the one against the
+symmetric answer, where that is known.
 """
 
 import argparse
@@ -20,7 +22,13 @@ from problems import DATA, MEMORY
 from scipy.stats import spearmanr
 from threadpoolctl import threadpool_limits
 
-from skfmap import Correspondence, DescriptorTransformer, Mesh, SpectralBasis, WeightedFunctionalMapLearner
+from skfmap import (
+    Correspondence,
+    DescriptorTransformer,
+    Mesh,
+    SpectralBasis,
+    WeightedFunctionalMapLearner,
+)
 from skfmap.datasets import load_collection, make_creatures, make_sphere
 from skfmap.geometry.geodesics import farthest_vertices
 from skfmap.model_selection import PinnedReference
@@ -31,7 +39,10 @@ N_SCORED = 1000
 FOLDERS = {
     "cats": ("tosca_isometric", ["cat0", "cat1", "cat3", "cat5", "cat6", "cat8", "cat10"]),
     "one person": ("faust", [f"tr_reg_00{pose}" for pose in range(7)]),
-    "five people": ("faust", [f"tr_reg_0{person}{pose}" for person, pose in zip("0123401", "0312546", strict=True)]),
+    "five people": (
+        "faust",
+        [f"tr_reg_0{person}{pose}" for person, pose in zip("0123401", "0312546", strict=True)],
+    ),
     "animals": ("smal_train", None),
 }
 
@@ -79,14 +90,34 @@ def spoiled(truths, share):
 
 
 def cases():
-    """Yield names, what makes shapes and correspondences, and parameters: (name, maker, given, n_functions)."""
+    """Yield (name, maker of shapes and correspondences, given parameters, n_functions)."""
     for n in (500, 1000, 2000):
         yield f"creatures of {n}", lambda n=n: creatures(n), None, 30
     yield "creatures of 1000, k = 50", lambda: creatures(1000), None, 50
-    yield "cats and horses of 1000", lambda: creatures(1000, body=["cat", "horse"] * 3 + ["cat"]), None, 30
-    yield "creatures, 36 landmarks, k = 18", lambda: creatures(1000), lambda *of: landmarks(*of, 36), 18
-    yield "creatures, a third of pairs wrong", lambda: creatures(1000), lambda _, truths: spoiled(truths, 0.33), 30
-    yield "creatures, all pairs wrong", lambda: creatures(1000), lambda _, truths: spoiled(truths, 1.0), 30
+    yield (
+        "cats and horses of 1000",
+        lambda: creatures(1000, body=["cat", "horse"] * 3 + ["cat"]),
+        None,
+        30,
+    )
+    yield (
+        "creatures, 36 landmarks, k = 18",
+        lambda: creatures(1000),
+        lambda *of: landmarks(*of, 36),
+        18,
+    )
+    yield (
+        "creatures, a third of pairs wrong",
+        lambda: creatures(1000),
+        lambda _, truths: spoiled(truths, 0.33),
+        30,
+    )
+    yield (
+        "creatures, all pairs wrong",
+        lambda: creatures(1000),
+        lambda _, truths: spoiled(truths, 1.0),
+        30,
+    )
     yield "ellipsoids", ellipsoids, None, 12
     for name, (folder, _) in FOLDERS.items():
         if (DATA / folder).is_dir():
@@ -97,13 +128,15 @@ def cases():
 
 @MEMORY.cache(ignore=["make", "give"])
 def left_out(name, make, give, k):
-    """Return, for each refinement, expected and true errors and those without weights; a pair of arrays a shape."""
+    """Return for each refinement a pair of arrays a shape, and the errors without weights."""
     meshes, truths = make()
     given = truths if give is None else give(meshes, truths)
     points = np.unique(truths[0].pairs[:, 1])
     points = np.random.default_rng(0).choice(points, min(N_SCORED, len(points)), replace=False)
     scored = [truth.restrict(points) for truth in truths]
-    shapes = DescriptorTransformer(memory=MEMORY).transform(SpectralBasis(100, memory=MEMORY).transform(meshes))
+    shapes = DescriptorTransformer(memory=MEMORY).transform(
+        SpectralBasis(100, memory=MEMORY).transform(meshes)
+    )
     found = {refine: [] for refine in REFINEMENTS}
     for train, test in PinnedReference(3).split(shapes, truths):
         learned = WeightedFunctionalMapLearner(n_functions=k, refine=REFINEMENTS[-1], memory=MEMORY)
@@ -113,7 +146,10 @@ def left_out(name, make, give, k):
         new, answers = [shapes[i] for i in test], [scored[i] for i in test]
         for refine, shown in found.items():
             options = {"reference_y": scored[0], "refine": refine}
-            matches, errors = learned.match(new, refine=refine), learned.pair_errors(new, answers, **options)
+            matches, errors = (
+                learned.match(new, refine=refine),
+                learned.pair_errors(new, answers, **options),
+            )
             without = plain.pair_errors(new, answers, **options)
             shown += [
                 (match.expected_error[own.vertices], own.direct, one.mean(), _side(own))
@@ -152,10 +188,23 @@ def row(shown):
 
 
 def main():
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("--only", default="", help="run the settings whose name contains this")
     options = parser.parse_args()
-    heads = ("true", "expect.", "ratio", "rank", "lowest", "trusted", "plain", "helped", "worst", "side")
+    heads = (
+        "true",
+        "expect.",
+        "ratio",
+        "rank",
+        "lowest",
+        "trusted",
+        "plain",
+        "helped",
+        "worst",
+        "side",
+    )
     print(f"{'':<54}" + "".join(f"{head:>9}" for head in heads))
     with threadpool_limits(limits=1, user_api="blas"), warnings.catch_warnings():
         warnings.simplefilter("ignore")
@@ -163,7 +212,10 @@ def main():
             if options.only not in name:
                 continue
             for refine, shown in left_out(name, make, give, k).items():
-                print(f"{name:<36}{refine!s:<18}" + "".join(f"{value:>9.2f}" for value in row(shown)), flush=True)
+                print(
+                    f"{name:<36}{refine!s:<18}" + "".join(f"{value:>9.2f}" for value in row(shown)),
+                    flush=True,
+                )
 
 
 if __name__ == "__main__":

@@ -1,8 +1,9 @@
 """How good a match is: geodesic errors, equation (5), singular values, coverage, continuity.
 
-All lengths are in units of sqrt(area) of the reference. Errors come in three kinds: ``"direct"`` forgives nothing;
-``"consistent"`` takes the better of the direct and the symmetric answer once for the whole map; ``"per_vertex"`` takes
-the better at each pair (the paper's "symmetric correspondences are considered correct").
+All lengths are in units of sqrt(area) of the reference. Errors come in three kinds: ``"direct"``
+forgives nothing; ``"consistent"`` takes the better of the direct and the symmetric answer once for
+the whole map; ``"per_vertex"`` takes the better at each pair (the paper's "symmetric
+correspondences are considered correct").
 """
 
 import threading
@@ -13,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from skfmap._tools.caching import cached
+from skfmap._tools.caching import MemoryLike, cached
 from skfmap._tools.parallel import map_shapes
 from skfmap._tools.types import FloatArray, IntArray
 from skfmap._tools.validation import (
@@ -55,9 +56,10 @@ class GeodesicDistances:
     mesh : Mesh
         Usually the reference.
     method : {"heat", "exact", "dijkstra"}, default="heat"
-        ``"heat"`` (potpourri3d, kept between straight lines and edge paths) takes 15 s of one core for all rows of a
-        mesh of 5,000 vertices and differs from exact distances by 1.4 % on average (1 to 2.5 % below 0.1); ``"exact"``
-        (libigl) takes half an hour; ``"dijkstra"`` along edges reads 6 to 14 % high.
+        ``"heat"`` (potpourri3d, kept between straight lines and edge paths) takes 15 s of one core
+        for all rows of a mesh of 5,000 vertices and differs from exact distances by 1.4 % on
+        average (1 to 2.5 % below 0.1); ``"exact"`` (libigl) takes half an hour; ``"dijkstra"``
+        along edges reads 6 to 14 % high.
     memory : str or joblib.Memory, optional
         Where rows are cached, by mesh content.
     n_jobs : int, optional
@@ -72,7 +74,14 @@ class GeodesicDistances:
     0.9
     """
 
-    def __init__(self, mesh: Mesh, method: str = "heat", *, memory: Any = None, n_jobs: int | None = None) -> None:
+    def __init__(
+        self,
+        mesh: Mesh,
+        method: str = "heat",
+        *,
+        memory: MemoryLike = None,
+        n_jobs: int | None = None,
+    ) -> None:
         self.mesh = mesh
         self.method = check_choice(method, "method", DISTANCES)
         self.memory = memory
@@ -98,20 +107,28 @@ class GeodesicDistances:
         ValueError
             If a number is no vertex, or there are not as many points as sources.
         MeshError
-            If no distances are defined on the mesh: several components, vertices without faces, no area.
+            If no distances are defined on the mesh: several components, vertices without faces, no
+            area.
         """
         points, sources = self._vertices(points, "points"), self._vertices(sources, "sources")
         if len(points) != len(sources):
-            raise ValueError(f"Give one source for each point; got {len(points)} points and {len(sources)} sources.")
+            raise ValueError(
+                f"Give one source for each point; got {len(points)} points and {len(sources)} "
+                "sources."
+            )
         rows = self.rows(np.unique(sources))
         return rows[np.searchsorted(np.unique(sources), sources), points].astype(np.float64)
 
     def rows(self, sources: IntArray) -> Any:
-        """Return distances from distinct sources to all vertices, float32 of shape (n_sources, n_vertices)."""
+        """Return distances from distinct sources to all vertices, as float32.
+
+        The array has shape (n_sources, n_vertices).
+        """
         sources = self._vertices(sources, "sources")
         with _LOCK:
             missing = sources[self._row_of[sources] < 0]
-        # Not under the lock: on a cluster, a thread that waits for its blocks takes on other tasks, which may ask too.
+        # Not under the lock: on a cluster, a thread that waits for its blocks takes on other tasks,
+        # which may ask too.
         computed = self._compute(missing) if len(missing) else self._rows[:0]
         with _LOCK:
             if (self._row_of[missing] < 0).any():
@@ -125,7 +142,10 @@ class GeodesicDistances:
         if array.size == 0:
             return np.empty(0, dtype=np.int64)
         if array.ndim != 1 or not np.issubdtype(array.dtype, np.integer):
-            raise ValueError(f"{who} must be a 1-D array of vertex numbers; got {array.dtype} of shape {array.shape}.")
+            raise ValueError(
+                f"{who} must be a 1-D array of vertex numbers; got {array.dtype} of shape "
+                f"{array.shape}."
+            )
         check_index_range(array, self.mesh.n_vertices, f"The {who}", ValueError)
         return array.astype(np.int64)
 
@@ -133,17 +153,23 @@ class GeodesicDistances:
         _check_surface(self.mesh)
         compute = cached(_distance_block, self.memory)
         blocks = np.array_split(sources, max(1, len(sources) // 500))
-        arguments = ((compute, self.mesh, self.mesh.content_hash, self.method, block) for block in blocks)
+        arguments = (
+            (compute, self.mesh, self.mesh.content_hash, self.method, block) for block in blocks
+        )
         return np.concatenate(map_shapes(_call, arguments, n_jobs=self.n_jobs, verbose=0))
 
 
 def _check_surface(mesh: Mesh) -> None:
     """Raise where distances would be infinite, or the libraries beneath would fail or answer 0."""
     whole = len(unreferenced_vertices(mesh.faces, mesh.n_vertices)) == 0
-    if not whole or count_components(mesh.faces, mesh.n_vertices) > 1 or not SMALLEST_AREA < mesh.area < LARGEST_AREA:
+    if (
+        not whole
+        or count_components(mesh.faces, mesh.n_vertices) > 1
+        or not SMALLEST_AREA < mesh.area < LARGEST_AREA
+    ):
         raise MeshError(
-            f"No distances are defined on {label(mesh.name)}: it has several components, vertices that no face uses, "
-            "or no area. check_mesh says which, repair_mesh mends it."
+            f"No distances are defined on {label(mesh.name)}: it has several components, vertices "
+            "that no face uses, or no area. check_mesh says which, repair_mesh mends it."
         )
 
 
@@ -152,7 +178,9 @@ def _call(function: Callable[..., Any], *arguments: Any) -> Any:
 
 
 def _distance_block(mesh: Mesh, content_hash: str, method: str, sources: IntArray) -> Any:  # noqa: ARG001
-    return DISTANCES[method](mesh.vertices / np.sqrt(mesh.area), mesh.faces, sources).astype(np.float32)
+    return DISTANCES[method](mesh.vertices / np.sqrt(mesh.area), mesh.faces, sources).astype(
+        np.float32
+    )
 
 
 # Rows are shared by all threads of the process.
@@ -161,9 +189,12 @@ _RECENT: OrderedDict[tuple[str, str], GeodesicDistances] = OrderedDict()
 
 
 def reference_distances(
-    mesh: Mesh, method: str = "heat", *, memory: Any = None, n_jobs: int | None = None
+    mesh: Mesh, method: str = "heat", *, memory: MemoryLike = None, n_jobs: int | None = None
 ) -> GeodesicDistances:
-    """Return the distances on a mesh, shared by all scores on it in this process (the two latest meshes are kept)."""
+    """Return the distances on a mesh, shared by all scores on it in this process.
+
+    The two latest meshes are kept.
+    """
     key = (mesh.content_hash, method)
     with _LOCK:
         if key not in _RECENT:
@@ -186,7 +217,8 @@ class PairErrors:
     direct : ndarray of shape (n_pairs,)
         Distance of the match from the true vertex of S_0.
     symmetric : ndarray of shape (n_pairs,) or None
-        Distance from the symmetric counterpart of the true vertex; NaN where unknown, None if nowhere known.
+        Distance from the symmetric counterpart of the true vertex; NaN where unknown, None if
+        nowhere known.
     weights : ndarray of shape (n_pairs,)
         Weight of the pair on S_i; 1 for plain pairs.
     """
@@ -203,19 +235,24 @@ class PairErrors:
             return self.direct
         if self.symmetric is None:
             raise CorrespondenceError(
-                f"{kind} errors need the symmetric answer; give the reference's Correspondence symmetric_pairs "
-                "(.sym.vts files), or use kind='direct'."
+                f"{kind} errors need the symmetric answer; give the reference's Correspondence "
+                "symmetric_pairs (.sym.vts files), or use kind='direct'."
             )
         known = ~np.isnan(self.symmetric)  # elsewhere the direct answer is the only one
         if kind == "per_vertex":
             return np.fmin(self.direct, self.symmetric)
         if not self.weights[known].any():
             return self.direct
-        direct, symmetric = (np.average(e[known], weights=self.weights[known]) for e in (self.direct, self.symmetric))
+        direct, symmetric = (
+            np.average(e[known], weights=self.weights[known]) for e in (self.direct, self.symmetric)
+        )
         return self.direct if direct <= symmetric else np.where(known, self.symmetric, self.direct)
 
     def mean(self, kind: str = "direct") -> float:
-        """Return the mean error of ``kind``; NaN for a shape that was left out, which has no pairs."""
+        """Return the mean error of ``kind``.
+
+        NaN for a shape that was left out, which has no pairs.
+        """
         if not self.weights.any():
             return float("nan")
         return float(np.average(self.of_kind(kind), weights=self.weights))
@@ -247,8 +284,8 @@ def pair_errors(
     Returns
     -------
     PairErrors
-        One entry per pair of S_i whose template point S_0 has. Where several vertices of S_0 stand on one point, their
-        errors are averaged.
+        One entry per pair of S_i whose template point S_0 has. Where several vertices of S_0 stand
+        on one point, their errors are averaged.
 
     Raises
     ------
@@ -263,17 +300,27 @@ def pair_errors(
         (distances, GeodesicDistances),
     ):
         if not isinstance(given, kind):
-            raise TypeError(f"A {kind.__name__} is expected here; got {type(given).__name__}. {_HOW[kind]}")
+            raise TypeError(
+                f"A {kind.__name__} is expected here; got {type(given).__name__}. {_HOW[kind]}"
+            )
     for pairs in (correspondence_0.pairs, correspondence_0.symmetric_pairs):
         if pairs is not None:
             check_index_range(pairs[:, 0], distances.mesh.n_vertices, "The pairs of the reference")
-    p2p = _check_p2p(p2p, distances.mesh.n_vertices, int(correspondence_i.pairs[:, 0].max(initial=-1)) + 1)
-    keys, direct, weights = _mean_by_pair(p2p, correspondence_i, correspondence_0, distances, symmetric=False)
+    p2p = _check_p2p(
+        p2p, distances.mesh.n_vertices, int(correspondence_i.pairs[:, 0].max(initial=-1)) + 1
+    )
+    keys, direct, weights = _mean_by_pair(
+        p2p, correspondence_i, correspondence_0, distances, symmetric=False
+    )
     if len(keys) == 0:
-        raise CorrespondenceError("The shape and the reference share no template point; there is nothing to score.")
+        raise CorrespondenceError(
+            "The shape and the reference share no template point; there is nothing to score."
+        )
     if not correspondence_0.has_symmetric:
         return PairErrors(keys[:, 0], direct, None, weights)
-    sym_keys, symmetric, _ = _mean_by_pair(p2p, correspondence_i, correspondence_0, distances, symmetric=True)
+    sym_keys, symmetric, _ = _mean_by_pair(
+        p2p, correspondence_i, correspondence_0, distances, symmetric=True
+    )
     common = {tuple(key): j for j, key in enumerate(sym_keys.tolist())}
     rows = np.array([common.get(tuple(key), -1) for key in keys.tolist()])
     if (rows < 0).all():
@@ -285,17 +332,26 @@ def _check_p2p(p2p: object, n_vertices_0: int, n_needed: int) -> IntArray:
     """Return a point map whose entries are all vertices of the reference."""
     array = np.asarray(p2p)
     if array.ndim != 1 or not np.issubdtype(array.dtype, np.integer):
-        raise TypeError(f"p2p must be a 1-D array of integers; got {array.dtype} of shape {array.shape}.")
+        raise TypeError(
+            f"p2p must be a 1-D array of integers; got {array.dtype} of shape {array.shape}."
+        )
     if len(array) < n_needed:
-        raise ValueError(f"p2p has length {len(array)}, but the correspondence refers to vertex {n_needed - 1}.")
+        raise ValueError(
+            f"p2p has length {len(array)}, but the correspondence refers to vertex {n_needed - 1}."
+        )
     check_index_range(array, n_vertices_0, "The entries of p2p", ValueError)
     return array
 
 
 def _mean_by_pair(
-    p2p: IntArray, own: Correspondence, other: Correspondence, distances: GeodesicDistances, *, symmetric: bool
+    p2p: IntArray,
+    own: Correspondence,
+    other: Correspondence,
+    distances: GeodesicDistances,
+    *,
+    symmetric: bool,
 ) -> tuple[IntArray, FloatArray, FloatArray]:
-    """Return the distinct (vertex, template point) rows, their weighted mean errors and their weights."""
+    """Return the distinct (vertex, template point) rows, their mean errors and weights."""
     joined = own.join(other, symmetric=symmetric)
     rows = np.column_stack([joined.vertices_i, joined.points])
     keys, inverse = np.unique(rows, axis=0, return_inverse=True)
@@ -350,8 +406,12 @@ def geodesic_error(
     return pair_errors(p2p, correspondence_i, correspondence_0, distances).mean(kind)
 
 
-def error_curve(errors: FloatArray, thresholds: FloatArray, weights: FloatArray | None = None) -> FloatArray:
-    """Return the share of pairs whose error is at most each threshold (the cumulative curve of figure 5, right).
+def error_curve(
+    errors: FloatArray, thresholds: FloatArray, weights: FloatArray | None = None
+) -> FloatArray:
+    """Return the share of pairs whose error is at most each threshold.
+
+    This is the cumulative curve of the paper's figure 5, right.
 
     Parameters
     ----------
@@ -381,9 +441,13 @@ def error_curve(errors: FloatArray, thresholds: FloatArray, weights: FloatArray 
     errors, thresholds = as_reals(errors, "errors"), as_reals(thresholds, "thresholds")
     share = np.ones(len(errors)) if weights is None else as_reals(weights, "weights")
     if errors.ndim != 1 or errors.size == 0 or np.isnan(errors).any():
-        raise ValueError(f"errors must be one-dimensional, with one error at least and no NaN; got {errors}.")
+        raise ValueError(
+            f"errors must be one-dimensional, with one error at least and no NaN; got {errors}."
+        )
     if share.shape != errors.shape or not (share >= 0).all() or not 0 < share.sum() < np.inf:
-        raise ValueError(f"weights must be {len(errors)} non-negative numbers, not all zero; got {share}.")
+        raise ValueError(
+            f"weights must be {len(errors)} non-negative numbers, not all zero; got {share}."
+        )
     order = np.argsort(errors, kind="stable")
     cumulative = np.concatenate([[0.0], np.cumsum(share[order])]) / share.sum()
     return np.asarray(cumulative[np.searchsorted(errors[order], thresholds, side="right")])
@@ -401,7 +465,10 @@ def coverage(p2p: IntArray, mass_0: FloatArray) -> float:
 
 
 def continuity(p2p: IntArray, mesh_i: Mesh, distances: GeodesicDistances) -> float:
-    """Return the mean stretch of the edges of S_i: distance of their images over their length, both over sqrt(area)."""
+    """Return the mean stretch of the edges of S_i.
+
+    Distance of their images over their length, both over sqrt(area).
+    """
     edges = edges_of(mesh_i.faces)
     ends = mesh_i.vertices[edges]
     lengths = np.linalg.norm(ends[:, 0] - ends[:, 1], axis=1) / np.sqrt(mesh_i.area)
@@ -409,8 +476,13 @@ def continuity(p2p: IntArray, mesh_i: Mesh, distances: GeodesicDistances) -> flo
     return float(np.mean(distances.between(images[:, 0], images[:, 1]) / lengths))
 
 
-def mean_over_shapes(means: Sequence[float], weights: Sequence[float] | FloatArray | None = None) -> float:
-    """Return the weighted mean of the shapes' errors; shapes that were left out (NaN) do not count."""
+def mean_over_shapes(
+    means: Sequence[float], weights: Sequence[float] | FloatArray | None = None
+) -> float:
+    """Return the weighted mean of the shapes' errors.
+
+    Shapes that were left out (NaN) do not count.
+    """
     errors = np.asarray(means, dtype=np.float64)
     share = np.ones(len(errors)) if weights is None else np.asarray(weights, dtype=np.float64)
     known = ~np.isnan(errors) & (share > 0)
