@@ -30,7 +30,7 @@ collect_ignore = [
 @pytest.fixture(scope="session", autouse=True)
 def _one_thread():
     """Keep threads from waiting for cores that others hold, which takes many times as long."""
-    with threadpool_limits(limits=1):
+    with threadpool_limits(limits=int(os.environ.get("SKFMAP_BLAS_THREADS", "1"))):
         yield
 
 

@@ -82,7 +82,10 @@ def _probed(meshes, families=None):
 @pytest.fixture(scope="session", autouse=True)
 def _one_thread():
     """Keep OpenMP from waiting for cores that others hold: fifty times as slow on small shapes."""
-    with threadpool_limits(limits=1), pytest.MonkeyPatch.context() as patch:
+    with (
+        threadpool_limits(limits=int(os.environ.get("SKFMAP_BLAS_THREADS", "1"))),
+        pytest.MonkeyPatch.context() as patch,
+    ):
         # Of the processes that tests start.
         for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
             patch.setenv(variable, "1")

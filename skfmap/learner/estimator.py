@@ -51,10 +51,11 @@ class WeightedFunctionalMapLearner(CallbackSupportMixin, Versioned, BaseEstimato
 
     .. math:: X_i(D) = \arg\min_C \|(C G_0 - G_i) D\|_F^2 + \alpha \|C \odot W\|_F^2
 
-    (a floor under W * W keeps every row solvable: `skfmap.functional.penalty_of`), and D minimises
-    the sum over training shapes of :math:`\|X_i(D) - C_i\|_\epsilon` (equations 3 and 4). Two maps,
-    opposite ways: the functional map pulls functions on the reference S_0 back to S_i; the point
-    map sends points of S_i to S_0.
+    and D minimises the sum over training shapes of :math:`\|X_i(D) - C_i\|_\epsilon` (equations 3
+    and 4). Under W * W stands a floor of 1e-5 (``DIAGONAL_FLOOR`` of
+    `skfmap.functional.penalty_of`), so that the minimum is unique also where the spectra agree and
+    no weighted probe sees a function. Two maps, opposite ways: the functional map pulls functions
+    on the reference S_0 back to S_i; the point map sends points of S_i to S_0.
 
     Parameters
     ----------
