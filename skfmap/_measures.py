@@ -467,7 +467,7 @@ def coverage(p2p: IntArray, mass_0: FloatArray) -> float:
 def continuity(p2p: IntArray, mesh_i: Mesh, distances: GeodesicDistances) -> float:
     """Return the mean stretch of the edges of S_i.
 
-    Distance of their images over their length, both over sqrt(area).
+    An edge is stretched by the distance of its images over its length, both over sqrt(area).
     """
     edges = edges_of(mesh_i.faces)
     ends = mesh_i.vertices[edges]

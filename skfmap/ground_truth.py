@@ -34,7 +34,7 @@ def join_with_reference(
 ) -> JoinedPairs:
     """Return the pairs of vertices of a shape and of the reference.
 
-    None at all is an error that names both.
+    Sharing no template point at all is an error that names both.
     """
     joined = truth.join(truth_0)
     if len(joined.points) == 0:
@@ -146,7 +146,7 @@ def known_maps(
 def coverage_messages(known: Sequence[KnownMap], names: Sequence[str], k: int) -> list[str]:
     """Return what a person should know of known maps.
 
-    Many pairs left out, or functions that no pairs determine.
+    That is: many pairs were left out, or no pairs determine some of the functions.
     """
     wrong = [
         f"{one.n_wrong} of the {len(one.areas)} pairs of {name}"
@@ -252,7 +252,7 @@ def _fit_pairs(pairs: _Pairs, content_hash: str) -> KnownMap:  # noqa: ARG001
 def _truncation(pairs: _Pairs, areas: FloatArray, n_distinct: int) -> FloatArray:
     """Return the covariance of residuals in as many functions as the pairs can tell.
 
-    The rest is like the last.
+    Beyond these, functions are taken to err as the last ones do.
     """
     n_components = pairs.evecs_i.shape[1]
     n_told = min(n_components, max(2, n_distinct // 2))

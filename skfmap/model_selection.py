@@ -58,7 +58,7 @@ class PinnedReference(BaseCrossValidator):
             Indices into ``X``.
         """
         samples, answers = list(X), None if y is None else list(y)
-        rest = self._places(samples)
+        rest = self._indices(samples)
         inner_y = None if answers is None else [answers[i] for i in rest.tolist()]
         inner_groups = None if groups is None else np.asarray(groups)[rest]
         for train, test in self._inner().split(
@@ -68,7 +68,7 @@ class PinnedReference(BaseCrossValidator):
 
     def get_n_splits(self, X: Any = None, y: Any = None, groups: Any = None) -> int:
         """Return the number of folds."""
-        rest = None if X is None else self._places(list(X))
+        rest = None if X is None else self._indices(list(X))
         inner = None if rest is None else rest.tolist()
         inner_y = None if y is None or rest is None else [list(y)[i] for i in rest.tolist()]
         inner_groups = (
@@ -82,8 +82,8 @@ class PinnedReference(BaseCrossValidator):
         return check_cv(self.cv)
 
     @staticmethod
-    def _places(X: Sequence[Any]) -> IntArray:
-        """Return the places of the samples that are split.
+    def _indices(X: Sequence[Any]) -> IntArray:
+        """Return the indices of the samples that are split.
 
         Neither the first nor those that were skipped.
         """

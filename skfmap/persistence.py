@@ -1,6 +1,6 @@
 """Models in files, by skops, which looks at a file before anything in it runs.
 
-Here, what it may hold.
+This module says what such a file may hold.
 """
 
 import copy

@@ -1,7 +1,4 @@
-"""The learner: an assembly of parts that each know one thing.
-
-An assembly of parts that each know one thing, and what any model that ends in it answers.
-"""
+"""The learner: an assembly of parts that each know one thing."""
 
 from skfmap.learner.bridged import BridgedLearner
 from skfmap.learner.confidence import Confidence, CrossFitConfidence, Trust

@@ -18,10 +18,7 @@ _N_NEAREST = 6
 
 
 class Across(NamedTuple):
-    """From the bridge to the reference: point map, uncertainty, mean error, and the way back.
-
-    Point map, its uncertainty and mean error, and the point map back.
-    """
+    """From the bridge to the reference: point map, uncertainty, mean error, and the way back."""
 
     p2p: IntArray
     uncertainty: FloatArray
@@ -113,10 +110,7 @@ def _left_out(
 
 
 def _locate(distances_i: FloatArray, distances_0: FloatArray) -> tuple[IntArray, FloatArray]:
-    """Return the most similar column of the second for each of the first, and how unlike it is.
-
-    How unlike it is.
-    """
+    """Return the most similar column of the second for each of the first, and how unlike it is."""
     n_nearest = min(_N_NEAREST, len(distances_i))
     nearest = np.argpartition(distances_i, n_nearest - 1, axis=0)[:n_nearest].T
     p2p, doubt = np.empty(distances_i.shape[1], dtype=np.int64), np.zeros(distances_i.shape[1])

@@ -1,7 +1,4 @@
-"""Matches through a training shape that is near.
-
-Its own correspondence to the reference is known.
-"""
+"""Matches through a training shape that is near, whose way to the reference is known."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -31,6 +28,7 @@ from skfmap.learner.estimator import WeightedFunctionalMapLearner
 from skfmap.learner.inputs import check_shapes
 from skfmap.learner.matcher import Matcher, Solution
 from skfmap.learner.new_shape import no_match
+from skfmap.learner.parameters import confidence_of
 from skfmap.learner.scoring import score_point_maps
 from skfmap.learner.training_set import TrainingSet
 from skfmap.refinement import Refinement
@@ -329,7 +327,7 @@ class BridgedLearner(Versioned, BaseEstimator):
             )
 
     def _calibrates(self) -> bool:
-        confidence = self.estimator._confidence()
+        confidence = confidence_of(self.estimator.confidence)
         return confidence is not None and type(confidence).mean_error is not Confidence.mean_error
 
     def _check_name(self, names: list[str | None]) -> None:

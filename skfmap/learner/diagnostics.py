@@ -1,8 +1,6 @@
 """What a fit, or a new shape, shows that a person should know.
 
 `report` is the one place that warns of it.
-
-And the one place that warns of it.
 """
 
 from collections.abc import Iterable, Sequence
@@ -128,7 +126,7 @@ def diagnose_new_shapes(
 def is_mirrored(solution: Solution) -> bool:
     """Tell whether a shape fits much better once its oriented probes are negated.
 
-    Never if there are none.
+    It is False where there are none.
     """
     return bool(solution.mirrored_residual < _MUCH_BETTER * solution.residual)
 

@@ -174,7 +174,7 @@ def _by_vertex(observation: Observation, n_watched: int) -> tuple[FloatArray, Fl
 def _spread(near: FloatArray, sums: FloatArray, counts: FloatArray) -> FloatArray:
     """Return errors averaged around each vertex of the reference.
 
-    Far from all that was seen, the mean of all.
+    Far from all that was seen it is the mean of all.
     """
     overall = sums.sum() / max(float(counts.sum()), 1e-300)
     return np.asarray((sums @ near + _WEIGHT_OF_ALL * overall) / (counts @ near + _WEIGHT_OF_ALL))

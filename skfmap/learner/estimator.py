@@ -15,33 +15,37 @@ from skfmap._tools.caching import MemoryLike
 from skfmap._tools.callbacks import CallbackSupportMixin, FitTask, with_callbacks
 from skfmap._tools.fitted import fitted_attribute
 from skfmap._tools.parallel import map_shapes, single_threaded, tell
-from skfmap._tools.part import Part
 from skfmap._tools.types import Array, FloatArray, IntArray
-from skfmap._tools.validation import check_choice, check_number, check_sample_weight, label
+from skfmap._tools.validation import check_choice, check_sample_weight, label
 from skfmap._version import Versioned
 from skfmap.functional.learning import LearnedMaps
-from skfmap.functional.regularization import LEARNED, REGULARIZERS, Regularizer
-from skfmap.functional.weighting import WEIGHTINGS
+from skfmap.functional.regularization import Regularizer
 from skfmap.ground_truth import join_with_reference, known_maps, warn_of_coverage
-from skfmap.learner.confidence import Confidence, CrossFitConfidence
+from skfmap.learner.confidence import Confidence
 from skfmap.learner.diagnostics import Finding, diagnose, diagnose_new_shapes, is_mirrored, report
 from skfmap.learner.error_model import ErrorModel
 from skfmap.learner.inputs import check_new_shapes, check_scored
 from skfmap.learner.legacy import upgraded
-from skfmap.learner.matcher import MATCHINGS, Matcher, Solution
+from skfmap.learner.matcher import Matcher, Solution
 from skfmap.learner.new_shape import INTERPOLATIONS, MatchedShape, match_shape, no_match, point_map
-from skfmap.learner.parts import check_part_is_object, fit_part, make_part, same_part
+from skfmap.learner.parameters import (
+    WORDS,
+    changed,
+    check_parameters,
+    confidence_of,
+    count_stable,
+    learning_options,
+    refinement_of,
+)
+from skfmap.learner.parts import check_part_is_object, fit_part
 from skfmap.learner.scoring import score_point_maps
-from skfmap.learner.training_set import FitRecord, LearningOptions, TrainingSet, Weighting
-from skfmap.refinement import REFINEMENTS, Refinement
+from skfmap.learner.training_set import FitRecord, TrainingSet, Weighting
+from skfmap.refinement import Refinement
 from skfmap.shapes import Correspondence, Match, ProbedShape
 from skfmap.shapes.given_vertices import expand
 from skfmap.shapes.usable import Answer, ProbedItem, Usable, describe, put_back
 
 __all__ = ["WeightedFunctionalMapLearner"]
-
-_CONFIDENCES: dict[str, type[Confidence]] = {"cross-fit": CrossFitConfidence}
-_WORDS: dict[str, dict[str, type[Any]]] = {"refine": REFINEMENTS, "confidence": _CONFIDENCES}
 
 
 class WeightedFunctionalMapLearner(CallbackSupportMixin, Versioned, BaseEstimator):
@@ -139,7 +143,7 @@ class WeightedFunctionalMapLearner(CallbackSupportMixin, Versioned, BaseEstimato
     n_stable_ : int
         p.
     reference_, reference_index_ : ProbedShape, int
-        The reference, and its place in the training data.
+        The reference, and its index in the training data.
     reference_correspondence_ : Correspondence
         Where the reference lies on the template.
     probe_names_, probe_categories_ : ndarray of str, shape (m,)
@@ -301,7 +305,7 @@ class WeightedFunctionalMapLearner(CallbackSupportMixin, Versioned, BaseEstimato
         SkippedShapeWarning
             If shapes were left out.
         """
-        self._check_parameters()
+        check_parameters(self)
         training = self._training_set(X, y, sample_weight)
         self._tell(f"reference: {label(training.reference.name, 'shape')}")
         task = FitTask(self, X, y, sample_weight, self.max_iter)
@@ -315,7 +319,7 @@ class WeightedFunctionalMapLearner(CallbackSupportMixin, Versioned, BaseEstimato
         """Run the paper's pipeline (figure 2); return the fitted state, and what to tell of it."""
         learned = single_threaded(self._learn, training, task)
         fitted = self._assembled(training, learned)
-        confidence = self._confidence()
+        confidence = confidence_of(self.confidence)
         if confidence is not None:
             self._tell("calibrating expected errors on training shapes left out in turn")
             fitted["confidence_"] = fit_part(confidence, training, fitted["matcher_"])
@@ -584,39 +588,8 @@ class WeightedFunctionalMapLearner(CallbackSupportMixin, Versioned, BaseEstimato
 
         Those of a part, as ``refine__step``, where the part is an object and not a word.
         """
-        check_part_is_object(params, self.get_params(deep=False), _WORDS)
+        check_part_is_object(params, self.get_params(deep=False), WORDS)
         return super().set_params(**params)
-
-    def _check_parameters(self) -> None:
-        check_number(self.n_functions, "n_functions", low=2, integer=True)
-        if isinstance(self.weighting, str) or self.weighting is None:
-            check_choice(self.weighting, "weighting", WEIGHTINGS)
-        if isinstance(self.epsilon, str):
-            check_choice(self.epsilon, "epsilon", ("auto",))
-        else:
-            check_number(self.epsilon, "epsilon", low=0, strict=True)
-        check_number(self.alpha, "alpha", low=0, strict=True)
-        if not callable(self.regularizer):
-            check_choice(self.regularizer, "regularizer", (*REGULARIZERS, LEARNED))
-        check_choice(self.normalize, "normalize", ("shape", "reference"))
-        check_choice(self.matching, "matching", MATCHINGS)
-        self._refinement(self.refine)
-        self._confidence()
-        check_choice(self.on_invalid, "on_invalid", ("raise", "skip"))
-        if not isinstance(self.reference, str):
-            raise ValueError(
-                "reference must be the name of a shape, or one of its words; got "
-                f"{self.reference!r}."
-            )
-        check_number(self.max_iter, "max_iter", low=1, integer=True)
-        check_number(self.tol, "tol", low=0)
-        _count_stable(self.n_stable, self.n_functions)
-
-    def _refinement(self, given: str | Refinement | None) -> Refinement | None:
-        return make_part(given, "refine", REFINEMENTS, Refinement)
-
-    def _confidence(self) -> Confidence | None:
-        return make_part(self.confidence, "confidence", _CONFIDENCES, Confidence)
 
     def _training_set(
         self, X: Sequence[ProbedItem], y: Sequence[Answer], sample_weight: Sequence[float] | None
@@ -628,15 +601,7 @@ class WeightedFunctionalMapLearner(CallbackSupportMixin, Versioned, BaseEstimato
             n_functions=self.n_functions,
             reference=self.reference,
             on_invalid=self.on_invalid,
-            options=LearningOptions(
-                weighting=self.weighting,
-                epsilon=self.epsilon,
-                alpha=self.alpha,
-                regularizer=self.regularizer,
-                normalize=self.normalize,
-                max_iter=self.max_iter,
-                tol=self.tol,
-            ),
+            options=learning_options(self),
             memory=self.memory,
             n_jobs=self.n_jobs,
         )
@@ -652,51 +617,21 @@ class WeightedFunctionalMapLearner(CallbackSupportMixin, Versioned, BaseEstimato
             return stop
 
         task.begin_iteration()
-        n_threads = min(
-            effective_n_jobs(self.n_jobs), cpu_count()
-        )  # a cluster's workers are not threads here
+        # A cluster's workers are not threads here.
+        n_threads = min(effective_n_jobs(self.n_jobs), cpu_count())
         return training.learn(n_threads=n_threads, callback=after_iteration)
 
     def _assembled(self, training: TrainingSet, learned: LearnedMaps) -> dict[str, Any]:
         """Return what `fit` leaves behind, but for the confidence."""
-        n_stable = _count_stable(self.n_stable, self.n_functions)
+        n_stable = count_stable(self.n_stable, self.n_functions)
         matcher = Matcher.from_learned(training, learned, matching=self.matching, n_stable=n_stable)
         return {
             "matcher_": replace(
-                matcher, refinement=fit_part(self._refinement(self.refine), training, matcher)
+                matcher, refinement=fit_part(refinement_of(self.refine), training, matcher)
             ),
             "record_": training.record(learned),
             "confidence_": None,
         }
-
-    def _matcher(
-        self,
-        *,
-        matching: str = "fitted",
-        n_stable: float | str | None = "fitted",
-        refine: str | Refinement | None = "fitted",
-    ) -> Matcher:
-        """Return what matches new shapes, with other settings if asked."""
-        settings = self.matcher_.settings
-        if matching != "fitted":
-            settings = settings._replace(matching=check_choice(matching, "matching", MATCHINGS))
-        if not isinstance(n_stable, str) or n_stable != "fitted":
-            n_stable = _count_stable(n_stable, len(self.stable_basis_))
-            settings = settings._replace(n_stable=n_stable)
-        return replace(self.matcher_, settings=settings, refinement=self._override(refine))
-
-    def _override(self, refine: str | Refinement | None) -> Refinement | None:
-        """Return the refinement of one call: the fitted one, or another that learns nothing."""
-        if isinstance(refine, str) and refine == "fitted":
-            return self.refine_
-        asked = self._refinement(refine)
-        if same_part(asked, self.refine_):
-            return self.refine_
-        if asked is not None and type(asked).fit is not Part.fit:
-            raise ValueError(
-                f"{asked!r} learns from training shapes: give it to the learner, and fit that."
-            )
-        return asked
 
     def _usable(self, X: Sequence[ProbedItem]) -> Usable:
         check_is_fitted(self)
@@ -725,14 +660,14 @@ class WeightedFunctionalMapLearner(CallbackSupportMixin, Versioned, BaseEstimato
     ) -> list[MatchedShape]:
         """Return the matches of shapes that can be used, without a word about them."""
         check_choice(interpolate, "interpolate", INTERPOLATIONS)
-        matcher = self._matcher(refine=refine)
+        matcher = changed(self.matcher_, refine=refine)
         refined = matcher.refinement is not None and matcher.refinement is self.refine_
         arguments = ((matcher, self.confidence_, shape, interpolate, refined) for shape in shapes)
         return map_shapes(match_shape, arguments, n_jobs=self.n_jobs, verbose=0, prefer="threads")
 
     def _point_maps(self, shapes: Sequence[ProbedShape], **how: Any) -> list[IntArray]:
         """Return point maps in the numbers of the meshes that were matched."""
-        matcher = self._matcher(**how)
+        matcher = changed(self.matcher_, **how)
         arguments = ((matcher, shape) for shape in shapes)
         return map_shapes(point_map, arguments, n_jobs=self.n_jobs, verbose=0, prefer="threads")
 
@@ -754,12 +689,3 @@ class WeightedFunctionalMapLearner(CallbackSupportMixin, Versioned, BaseEstimato
         tags.input_tags.two_d_array = False
         tags.target_tags.required = True
         return tags
-
-
-def _count_stable(n_stable: float | str | None, k: int) -> int:
-    """Return p."""
-    if n_stable is None:
-        return max(1, k // 2)
-    if isinstance(n_stable, (int, np.integer)):
-        return int(check_number(n_stable, "n_stable", low=1, high=k, integer=True))
-    return max(1, round(check_number(n_stable, "n_stable", low=0, high=1, strict=True) * k))

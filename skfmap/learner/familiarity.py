@@ -1,6 +1,6 @@
 """Shapes that are not like those that were learned from.
 
-What was learned does not fit them, whatever it answers.
+What was learned does not fit them, and its answers mean little.
 """
 
 import numpy as np

@@ -1,8 +1,6 @@
 """Models that were saved before the learner was an assembly of parts.
 
 Where their classes are now, and what their state has become.
-
-Where their classes are now, and their state.
 """
 
 import sys

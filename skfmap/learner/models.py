@@ -1,7 +1,4 @@
-"""What any fitted model answers: a learner, a Pipeline that ends in one, a fitted search.
-
-A learner, a Pipeline that ends in one, or a fitted search over either.
-"""
+"""What any fitted model answers: a learner, a Pipeline that ends in one, a fitted search."""
 
 from collections.abc import Sequence
 from typing import Any

@@ -31,8 +31,6 @@ class Observation(NamedTuple):
     """What a training shape showed at the watched vertices.
 
     Signs, errors and weights of pairs, where they are matched to, and the row in the watch.
-
-    Signs, errors, weights, matches and places in the watch.
     """
 
     signs: FloatArray

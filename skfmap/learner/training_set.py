@@ -52,8 +52,6 @@ class FitRecord(NamedTuple):
     """What a fitted learner remembers of its training set and of the search.
 
     Neither of these outlives `fit`.
-
-    It do not outlive `fit`.
     """
 
     reference_index: int
@@ -134,10 +132,7 @@ class TrainingSet:
         memory: MemoryLike = None,
         n_jobs: int | None = None,
     ) -> Self:
-        """Sort out the samples, join them with the reference, and fit the known maps.
-
-        Fit the known maps.
-        """
+        """Sort out the samples, join them with the reference, and fit the known maps."""
         given = check_shapes(X, n_functions)
         answers = check_correspondences(y, given, skip=on_invalid == "skip")
         share = check_sample_weight(sample_weight, len(given))

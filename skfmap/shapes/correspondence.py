@@ -380,7 +380,7 @@ def _correspondence(
 def _enumerate(values: object, who: str) -> tuple[IntArray, int]:
     """Return rows [position, value] of a 1-D integer array, without -1 and what is masked.
 
-    And its length.
+    The length of the array comes with them.
     """
     array = as_array(
         values.filled(-1) if isinstance(values, np.ma.MaskedArray) else values,
@@ -444,8 +444,8 @@ def _share_of_point(pairs: IntArray, weights: FloatArray | None) -> FloatArray:
     own = _ones_or(weights, len(pairs))
     if len(pairs) == 0:
         return own
-    _, place = np.unique(pairs[:, 1], return_inverse=True)  # template points may have any numbers
-    total = np.bincount(place, own)[place]
+    _, point = np.unique(pairs[:, 1], return_inverse=True)  # template points may have any numbers
+    total = np.bincount(point, own)[point]
     return np.asarray(own / np.where(total > 0, total, 1.0))
 
 

@@ -197,17 +197,15 @@ class Match:
 
     def _vote(self, labels: Any) -> Any:
         """Return the label of most weight at each vertex; the first in order among equals."""
-        kinds, place = np.unique(labels, return_inverse=True)
+        kinds, kind_of = np.unique(labels, return_inverse=True)
         members = sp.coo_array(
-            (np.ones(len(labels)), (np.arange(len(labels)), place)), shape=(len(labels), len(kinds))
+            (np.ones(len(labels)), (np.arange(len(labels)), kind_of)),
+            shape=(len(labels), len(kinds)),
         )
         return kinds[np.asarray((self.matrix @ members.tocsr()).todense()).argmax(axis=1)]
 
     def __repr__(self) -> str:
-        """Return a line with both names, the mean expected error, and how many vertices match.
-
-        How many vertices have no match.
-        """
+        """Return a line with both names, the mean expected error, and how many have no match."""
         errors = self.expected_error
         known = self.p2p >= 0 if errors is None else ~np.isnan(errors)
         n_known = int(known.sum())

@@ -49,6 +49,6 @@ class ProbedShape:
     def functions(self) -> FloatArray:
         """Return the probe functions on the vertices, smoothed by the basis.
 
-        Shape (n_vertices, n_probes).
+        The array has shape (n_vertices, n_probes).
         """
         return np.asarray(self.spectral.evecs @ self.probes)

@@ -1,4 +1,4 @@
-"""The place of a shape that cannot be used."""
+"""What stands for a shape that cannot be used."""
 
 from dataclasses import dataclass
 
@@ -7,7 +7,7 @@ __all__ = ["SkippedShape"]
 
 @dataclass(frozen=True, eq=False)
 class SkippedShape:
-    """The place of a shape that cannot be used, so that those behind it keep theirs.
+    """What stands in X for a shape that cannot be used, so that the others keep their index.
 
     `SpectralBasis` leaves it behind with ``on_invalid="skip"``, and with ``"repair"`` where that
     fails. It goes through the pipeline as it is, is left out of a fit, and is answered with NaN and

@@ -58,7 +58,7 @@ def put_back(
 def describe(i: int, shape: object) -> str:
     """Return what messages call the shape at index ``i`` of X.
 
-    By the caller's numbering, and by name if it has one.
+    That is the caller's numbering, and the name if it has one.
     """
     name = getattr(shape, "name", None)
     return f"X[{i}]" if name is None else f"X[{i}] ({name!r})"

@@ -1,0 +1,132 @@
+"""The learner's parameters: which values can be used, and what words stand for."""
+
+from dataclasses import replace
+from typing import Any, Protocol
+
+import numpy as np
+
+from skfmap._tools.part import Part
+from skfmap._tools.validation import check_choice, check_number
+from skfmap.functional.regularization import LEARNED, REGULARIZERS, Regularizer
+from skfmap.functional.weighting import WEIGHTINGS
+from skfmap.learner.confidence import Confidence, CrossFitConfidence
+from skfmap.learner.matcher import MATCHINGS, Matcher
+from skfmap.learner.parts import make_part, same_part
+from skfmap.learner.training_set import LearningOptions, Weighting
+from skfmap.refinement import REFINEMENTS, Refinement
+
+__all__ = [
+    "WORDS",
+    "Parameters",
+    "changed",
+    "check_parameters",
+    "confidence_of",
+    "count_stable",
+    "learning_options",
+    "refinement_of",
+]
+
+_CONFIDENCES: dict[str, type[Confidence]] = {"cross-fit": CrossFitConfidence}
+WORDS: dict[str, dict[str, type[Any]]] = {"refine": REFINEMENTS, "confidence": _CONFIDENCES}
+"""What the words of parameters that take a part stand for."""
+
+
+class Parameters(Protocol):
+    """What the learner's constructor stores."""
+
+    n_functions: int
+    weighting: Weighting
+    epsilon: float | str
+    alpha: float
+    regularizer: str | Regularizer
+    normalize: str
+    n_stable: float | None
+    matching: str
+    refine: str | Refinement | None
+    confidence: str | Confidence | None
+    reference: str
+    on_invalid: str
+    max_iter: int
+    tol: float
+
+
+def check_parameters(given: Parameters) -> None:
+    """Raise ValueError or TypeError for a parameter that cannot be used."""
+    check_number(given.n_functions, "n_functions", low=2, integer=True)
+    if isinstance(given.weighting, str) or given.weighting is None:
+        check_choice(given.weighting, "weighting", WEIGHTINGS)
+    if isinstance(given.epsilon, str):
+        check_choice(given.epsilon, "epsilon", ("auto",))
+    else:
+        check_number(given.epsilon, "epsilon", low=0, strict=True)
+    check_number(given.alpha, "alpha", low=0, strict=True)
+    if not callable(given.regularizer):
+        check_choice(given.regularizer, "regularizer", (*REGULARIZERS, LEARNED))
+    check_choice(given.normalize, "normalize", ("shape", "reference"))
+    check_choice(given.matching, "matching", MATCHINGS)
+    refinement_of(given.refine)
+    confidence_of(given.confidence)
+    check_choice(given.on_invalid, "on_invalid", ("raise", "skip"))
+    if not isinstance(given.reference, str):
+        raise ValueError(
+            f"reference must be the name of a shape, or one of its words; got {given.reference!r}."
+        )
+    check_number(given.max_iter, "max_iter", low=1, integer=True)
+    check_number(given.tol, "tol", low=0)
+    count_stable(given.n_stable, given.n_functions)
+
+
+def learning_options(given: Parameters) -> LearningOptions:
+    """Return those that learning is about."""
+    names = set(LearningOptions._fields) - {"categories"}
+    return LearningOptions(**{name: getattr(given, name) for name in names})
+
+
+def refinement_of(refine: str | Refinement | None) -> Refinement | None:
+    """Return the refinement that ``refine`` stands for, unfitted."""
+    return make_part(refine, "refine", REFINEMENTS, Refinement)
+
+
+def confidence_of(confidence: str | Confidence | None) -> Confidence | None:
+    """Return the part that ``confidence`` stands for, unfitted."""
+    return make_part(confidence, "confidence", _CONFIDENCES, Confidence)
+
+
+def count_stable(n_stable: float | str | None, k: int) -> int:
+    """Return p."""
+    if n_stable is None:
+        return max(1, k // 2)
+    if isinstance(n_stable, (int, np.integer)):
+        return int(check_number(n_stable, "n_stable", low=1, high=k, integer=True))
+    return max(1, round(check_number(n_stable, "n_stable", low=0, high=1, strict=True) * k))
+
+
+def changed(
+    matcher: Matcher,
+    *,
+    matching: str = "fitted",
+    n_stable: float | str | None = "fitted",
+    refine: str | Refinement | None = "fitted",
+) -> Matcher:
+    """Return the matcher with other settings for one call; ``"fitted"`` is as it is."""
+    settings = matcher.settings
+    if matching != "fitted":
+        settings = settings._replace(matching=check_choice(matching, "matching", MATCHINGS))
+    if not isinstance(n_stable, str) or n_stable != "fitted":
+        settings = settings._replace(n_stable=count_stable(n_stable, len(matcher.stable_basis)))
+    refinement = _override(refine, matcher.refinement)
+    return replace(matcher, settings=settings, refinement=refinement)
+
+
+def _override(refine: str | Refinement | None, fitted: Refinement | None) -> Refinement | None:
+    """Return the refinement of one call: the fitted one, or another that learns nothing."""
+    if isinstance(refine, str) and refine == "fitted":
+        return fitted
+    asked = refinement_of(refine)
+    if same_part(asked, fitted):
+        return fitted
+    if asked is not None and type(asked).fit is not Part.fit:
+        raise ValueError(
+            f"{asked!r} learns from training shapes: give it to the learner, and fit that."
+        )
+    return asked
