@@ -119,7 +119,7 @@ def check_mesh(mesh: MeshLike) -> MeshReport:
     Parameters
     ----------
     mesh : Mesh, trimesh.Trimesh, (vertices, faces) or path
-        The mesh. Arrays may be as broken as they like.
+        The mesh; arrays may be broken in any way.
 
     Returns
     -------
@@ -374,7 +374,7 @@ def repair_mesh(mesh: MeshLike) -> Repair:
     Parameters
     ----------
     mesh : Mesh, trimesh.Trimesh, (vertices, faces) or path
-        The mesh. Arrays may be as broken as they like.
+        The mesh; arrays may be broken in any way.
 
     Returns
     -------

@@ -130,7 +130,12 @@ def rematch_points(
 def _nearest_both(
     spectral: SpectralShape, spectral_0: SpectralShape, C: FloatArray, functions: FloatArray
 ) -> tuple[FloatArray, FloatArray, IntArray, IntArray]:
-    n = len(C)
+    n, held = len(C), min(spectral.n_components, spectral_0.n_components)
+    if C.shape != (n, n) or len(functions) != n or n > held:
+        raise ValueError(
+            f"C must be square and functions have as many rows, at most the {held} functions that "
+            f"SpectralBasis holds; got shapes {C.shape} and {functions.shape}."
+        )
     points_i, points_0 = spectral_embeddings(
         spectral.evecs[:, :n], spectral_0.evecs[:, :n], C, functions
     )

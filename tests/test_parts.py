@@ -205,7 +205,7 @@ def test_a_confidence_of_ones_own_plugs_in(make_learner, probed, collection):
     assert (match.expected_error == 0.1).all()
     assert match.familiar
     with pytest.raises(
-        AttributeError, match="no attribute 'error_models_': its confidence_ has none"
+        AttributeError, match=r"no attribute 'error_models_': its confidence_ .* has none"
     ):
         _ = learner.error_models_
     with pytest.raises(
@@ -220,3 +220,30 @@ def test_a_confidence_of_ones_own_plugs_in(make_learner, probed, collection):
 def test_what_is_read_from_a_part_cannot_be_set(fitted):
     with pytest.raises(AttributeError, match=r"weights_ is read from matcher_.weights, and cannot"):
         fitted.weights_ = np.ones(3)
+
+
+class Nothing(Refinement):
+    """Forget to return the match."""
+
+    def refine(self, learned, spectral, match):
+        pass
+
+
+class TooMany(Refinement):
+    """Ask for more functions than there are."""
+
+    def refine(self, learned, spectral, match):
+        n = 31
+        return rematch_points(match, spectral, learned.reference.spectral, np.eye(n), np.eye(n))
+
+
+@pytest.mark.parametrize(
+    ("refine", "told"),
+    [
+        (Nothing(), r"refine\(\) of Nothing\(\) must return a PointMatch.*got NoneType"),
+        (TooMany(), r"at most the 30 functions that SpectralBasis holds; got shapes \(31, 31\)"),
+    ],
+)
+def test_what_a_refinement_of_ones_own_does_wrong_is_told(fitted, probed, refine, told):
+    with pytest.raises((TypeError, ValueError), match=told):
+        fitted.match(probed[5:], refine=refine)

@@ -475,3 +475,12 @@ def test_without_plotly_the_remedy_is_named(monkeypatch, tmp_path):
     sphere = make_sphere(n_subdivisions=1)
     with pytest.raises(ImportError, match=r"pip install 'skfmap\[pages\]'"):
         write_functions_page(tmp_path / "page.html", [sphere], [sphere.vertices[:, 0]])
+
+
+def test_matches_without_expected_errors_are_drawn_as_far_as_they_go(matched):
+    matches, meshes, reference = matched
+    bare = [replace(match, expected_error=None, confidence=None) for match in matches]
+    assert plot_matches(bare, meshes, reference) is not None
+    with pytest.raises(ValueError, match="has no expected error: the learner was fitted with"):
+        plot_matches(bare, meshes, reference, show=["expected error"])
+    plt.close("all")

@@ -106,7 +106,7 @@ def test_vertices_without_an_expectation_do_not_count():
 def test_a_model_that_expects_nothing_is_not_good():
     level, text = _order(np.full(N, np.nan), np.full(N, 0.01))
     assert level == "doubtful"
-    assert "expects no errors" in text
+    assert "No point has both an expected and a true error" in text
 
 
 def test_shapes_without_known_points_are_not_scored():
@@ -190,7 +190,7 @@ def test_vertices_without_a_value_are_not_drawn():
 
 
 @pytest.mark.parametrize(
-    ("level", "words"), [(0.05, "the same everywhere"), (np.nan, "expects no errors")]
+    ("level", "words"), [(0.05, "the same everywhere"), (np.nan, "No point has both")]
 )
 def test_a_page_is_written_where_expected_errors_say_nothing(
     level, words, fitted, probed, collection, tmp_path

@@ -34,7 +34,8 @@ class _FittedAttribute:
             return attrgetter(self.path)(estimator)
         except AttributeError:
             holder = self.path.partition(".")[0]
-            why = f"its {holder} has none" if holder in vars(estimator) else "it is not fitted"
+            held = vars(estimator).get(holder, estimator)
+            why = "it is not fitted" if held is estimator else f"its {holder} {held!r} has none"
             raise AttributeError(
                 f"{type(estimator).__name__} has no attribute {self.name!r}: {why}."
             ) from None

@@ -310,8 +310,8 @@ class BridgedLearner(Versioned, BaseEstimator):
     def _check_parameters(self, X: Sequence[ProbedItem]) -> None:
         if not isinstance(self.estimator, WeightedFunctionalMapLearner):
             raise TypeError(
-                "estimator must be a WeightedFunctionalMapLearner; got "
-                f"{type(self.estimator).__name__}."
+                "estimator must be a WeightedFunctionalMapLearner object, and the bridged one the "
+                f"last step of the pipeline; got {type(self.estimator).__name__}."
             )
         if not isinstance(self.through, str):
             raise ValueError(
@@ -323,19 +323,19 @@ class BridgedLearner(Versioned, BaseEstimator):
             raise ValueError(
                 "through='auto' compares expected errors, and the learner's confidence "
                 f"{self.estimator.confidence!r} knows none: give it confidence='cross-fit', or "
-                "name the training shape to go through."
+                "name the training shape to go through, which every fold of a search must hold."
             )
 
     def _calibrates(self) -> bool:
         confidence = confidence_of(self.estimator.confidence)
         return confidence is not None and type(confidence).mean_error is not Confidence.mean_error
 
-    def _check_name(self, names: list[str | None]) -> None:
+    def _check_name(self, names: Sequence[str | None]) -> None:
         if names.count(self.through) != 1:
             raise ValueError(
                 f"through={self.through!r} must name exactly one of the training shapes beside the "
-                f"reference, and leave another to learn from; got {names}. Where folds leave it "
-                "out, use through='auto'."
+                f"reference: {', '.join(map(str, names))}. A fold that leaves it out cannot be "
+                "fitted; through='auto' (with confidence='cross-fit') chooses anew in each."
             )
 
     def _bridge_index(self, training: TrainingSet) -> int | None:
@@ -346,7 +346,11 @@ class BridgedLearner(Versioned, BaseEstimator):
         if self.through == "auto":
             return choose_bridge(training)
         names = [shape.name for shape in training.shapes]
-        self._check_name(names if len(names) > 1 else [])
+        self._check_name(names)
+        if len(names) < 2:
+            raise ValueError(
+                f"Beside the bridge {self.through!r} no training shape is left to learn from."
+            )
         return names.index(self.through)
 
     def __sklearn_tags__(self) -> Tags:

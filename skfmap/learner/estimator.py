@@ -100,7 +100,8 @@ class WeightedFunctionalMapLearner(CallbackSupportMixin, Versioned, BaseEstimato
         How errors to expect are found: ``"cross-fit"`` is `CrossFitConfidence`, which learns again
         for each of three folds. None: not at all; a fit then takes a quarter of the time, for
         searches that only compare scores. Matches have no ``expected_error``, ``confidence`` and
-        ``familiar`` (None) then.
+        ``familiar`` (None) then, and nothing warns of contradicting correspondences or of
+        unfamiliar shapes.
     reference : str, default="first"
         ``"first"``: the first training shape. ``"medoid"``: the training shape whose geodesic
         distances differ least from all others'. Else the name of a training shape.

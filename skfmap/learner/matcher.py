@@ -191,7 +191,13 @@ class Matcher:
         before = match_points(shape.spectral, self.reference.spectral, C, self.functions)
         if self.refinement is None:
             return before, before
-        return before, self.refinement.refine(self, shape.spectral, before)
+        after = self.refinement.refine(self, shape.spectral, before)
+        if not isinstance(after, PointMatch):
+            raise TypeError(
+                f"refine() of {self.refinement!r} must return a PointMatch, for instance that of "
+                f"rematch_points; got {type(after).__name__}."
+            )
+        return before, after
 
 
 def odd_probes(shape: ProbedShape) -> BoolArray:

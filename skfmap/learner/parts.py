@@ -41,9 +41,10 @@ def make_part(
         return words[value]()
     if not isinstance(value, kind):
         told = ", ".join(map(repr, sorted(words)))
+        hint = f" Did you mean {value.__name__}()?" if isinstance(value, type) else ""
         raise ValueError(
             f"{name} must be one of {told}, None, or an object derived from {kind.__name__}; got "
-            f"{value!r}."
+            f"{value!r}.{hint}"
         )
     part = cast(_Kind, value)
     part.check_parameters()
@@ -82,8 +83,12 @@ def check_part_is_object(
         value = params.get(name, current.get(name))
         if not inner or name not in words or isinstance(value, Part):
             continue
-        fitting = [one for one in words[name].values() if inner in one().get_params()]
-        advice = f", for instance {name}={fitting[0].__name__}()" if fitting else ""
+        meant = words[name].get(value) if isinstance(value, str) else value
+        classes = [meant] if isinstance(meant, type) else [*words[name].values()]
+        told = " or ".join(
+            f"{name}={one.__name__}() (its parameters: {', '.join(one().get_params())})"
+            for one in classes
+        )
         raise ValueError(
-            f"{key} cannot be set while {name} is {value!r}: give the object instead{advice}."
+            f"{key} cannot be set while {name} is {value!r}: give the object instead, {told}."
         )

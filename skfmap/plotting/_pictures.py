@@ -155,7 +155,7 @@ def plot_matches(
     meshes: Sequence[Any],
     reference: Any,
     *,
-    show: Sequence[str] = ("match", "expected error"),
+    show: Sequence[str] | None = None,
     errors: Sequence[PairErrors] | None = None,
     captions: Sequence[str] | None = None,
     camera: Camera | None = None,
@@ -175,8 +175,8 @@ def plot_matches(
     reference : mesh
         The reference, ``learner.reference_.spectral.mesh``; its colours tell where on it a vertex
         is.
-    show : sequence of {"match", "expected error", "confidence", "true error"}
-        The rows.
+    show : sequence of {"match", "expected error", "confidence", "true error"}, optional
+        The rows; by default the match, and its expected error if it has one.
     errors : sequence of PairErrors, optional
         From `skfmap.WeightedFunctionalMapLearner.pair_errors`, if the correspondences are known: a
         row of true errors is added, grey where nothing is known.
@@ -209,6 +209,7 @@ def plot_matches(
         meshes,
         reference,
         show=show,
+        usual=("match", "expected error"),
         errors=errors,
         captions=captions,
         camera=camera,

@@ -152,7 +152,8 @@ def scene_of_matches(
     meshes: Sequence[Any],
     reference: Any,
     *,
-    show: Sequence[str],
+    show: Sequence[str] | None,
+    usual: tuple[str, ...] = ("match",),
     errors: Sequence[PairErrors] | None,
     captions: Sequence[str] | None,
     camera: Camera | None,
@@ -164,6 +165,9 @@ def scene_of_matches(
             f"Give one mesh per match, and at least one; got {len(meshes)} and {len(matches)}."
         )
     _check_length(captions, len(matches), "captions", "match")
+    if show is None:  # all that is usual, as far as the matches have it
+        assessed = all(match.expected_error is not None for match in matches)
+        show = usual if assessed else ("match",)
     show = _check_shown(show, errors, len(matches))
     shapes, origin, camera = as_meshes(meshes), as_mesh(reference), check_camera(camera)
     for match, mesh in zip(matches, shapes, strict=True):

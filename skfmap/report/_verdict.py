@@ -206,8 +206,8 @@ def _expectation(evaluation: Evaluation) -> Iterator[Finding]:
     if len(expected):
         yield _expected_size(expected, true)
         yield _expected_order(expected, true)
-    else:
-        text = "The model expects no errors: nothing says which points to trust."
+    elif any(match.expected_error is not None for match in evaluation.matches):
+        text = "No point has both an expected and a true error: nothing says which to trust."
         yield Finding("doubtful", text)
 
 
@@ -289,13 +289,14 @@ def _calibration(learner: WeightedFunctionalMapLearner) -> Iterator[Finding]:
     if learner.confidence_ is None:
         yield Finding(
             "doubtful",
-            "The learner calibrates no errors (confidence=None): nothing says how far to trust.",
+            "Expected errors were switched off (confidence=None), so nothing says which points to "
+            "trust. Fit with confidence='cross-fit'.",
         )
     elif any(not one.cross_validated for one in getattr(learner, "error_models_", {}).values()):
         yield Finding(
             "doubtful",
             "Only one shape beside the reference was there to learn from: expected errors are "
-            "those of the training, and too hopeful.",
+            "those of the training, and too optimistic.",
         )
 
 
