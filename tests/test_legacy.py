@@ -23,6 +23,9 @@ def new_shape(make_bodies):
     ]
 
 
+# Whoever reads the files has other versions than whoever wrote them.
+@pytest.mark.filterwarnings("ignore::sklearn.exceptions.InconsistentVersionWarning")
+@pytest.mark.filterwarnings("ignore::skfmap.exceptions.VersionWarning")
 @pytest.mark.parametrize("suffix", ["skops", "joblib"])
 def test_a_model_of_before_matches_as_it_did(suffix, new_shape, tmp_path):
     path = DATA / f"model-0.1.0.{suffix}"
