@@ -98,7 +98,8 @@ class WeightedFunctionalMapLearner(CallbackSupportMixin, Versioned, BaseEstimato
         None: not at all.
     confidence : {"cross-fit"}, Confidence or None, default="cross-fit"
         How errors to expect are found: ``"cross-fit"`` is `CrossFitConfidence`, which learns again
-        for each of three folds. None: not at all; a fit then takes a quarter of the time, for
+        for each of three folds. None: not at all; a fit then takes a third of the time, with
+        refinement a tenth, for
         searches that only compare scores. Matches have no ``expected_error``, ``confidence`` and
         ``familiar`` (None) then, and nothing warns of contradicting correspondences or of
         unfamiliar shapes.
