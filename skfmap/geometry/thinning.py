@@ -1,0 +1,296 @@
+"""Thinning: fewer vertices on the same surface, and where each given vertex went."""
+
+import threading
+from typing import NamedTuple
+
+import fast_simplification
+import igl
+import numpy as np
+
+from skfmap._tools.types import BoolArray, FloatArray, IntArray
+from skfmap.geometry.faults import (
+    boundary_vertices,
+    count_components,
+    is_wound_consistently,
+    nonmanifold_edges,
+    nonmanifold_vertices,
+)
+
+__all__ = ["Thinned", "thin"]
+
+# Quadrics thin to this many times what is asked for, quickly, and shortest edges do the rest,
+# which leaves vertices as evenly spaced as eigenfunctions want them. See the notes of `thin`.
+_FIRST_STAGE = 5
+
+# Weight of staying where an edge was collapsed to, against squared distances from the planes of
+# the faces around: enough to hold vertices within flat regions.
+_STAY = 1e-2
+
+# Weight of walls along the boundary: there are many faces to an edge of it.
+_WALL = 1e2
+
+# A vertex is not moved where that turns a face by more than this cosine, or leaves it with less
+# than this area (twice, over a squared edge), nor by less than this share of the way.
+_TURNED = 0.2
+_FLAT = 0.02
+_SMALL_STEP = 0.1
+
+# How often to thin for a number of vertices, which depends on how many are on the boundary, and
+# the share of it that is near enough.
+_TRIES = 6
+_NEARLY = 0.99
+
+# The library keeps its mesh in global variables, in four calls for one simplification.
+_ONE_AT_A_TIME = threading.Lock()
+
+
+class Thinned(NamedTuple):
+    """A thinned mesh and where the given vertices went.
+
+    Attributes
+    ----------
+    vertices : ndarray of shape (n_vertices, 3)
+        Coordinates, in the units of the given ones.
+    faces : ndarray of int, shape (n_faces, 3)
+        Triangles, wound as the given ones.
+    vertex_map : ndarray of int, shape (n_given,)
+        The thinned vertex that each given one was collapsed into.
+    """
+
+    vertices: FloatArray
+    faces: IntArray
+    vertex_map: IntArray
+
+
+def thin(vertices: FloatArray, faces: IntArray, n_vertices: int) -> Thinned:
+    """Collapse edges until few vertices are left.
+
+    Parameters
+    ----------
+    vertices : ndarray of shape (n_given, 3)
+        Coordinates.
+    faces : ndarray of int, shape (n_faces, 3)
+        Triangles of a connected, manifold, consistently wound surface, with or without boundary,
+        that uses every vertex.
+    n_vertices : int
+        How many vertices to leave at most.
+
+    Returns
+    -------
+    Thinned
+        A connected, manifold surface, wound like the given one; the given mesh itself where it has
+        no more vertices than asked for. It has more than asked for only where every further
+        collapse would change the topology.
+
+    Notes
+    -----
+    Large meshes are brought to a few times ``n_vertices`` by a fast quadric collapse
+    [1]_, which does not mind the topology: pairs of faces that it folds onto each other are cut
+    off, and where it pinches a neck it is done again, less far. Then the shortest edge is
+    collapsed as long as that keeps the topology, which leaves evenly spaced vertices but shrinks
+    what is curved; so each vertex is moved to the point that is nearest to the planes of the faces
+    that it stands for, and of walls along the boundary.
+
+    Everything is done in a fixed order, so that equal meshes are thinned equally.
+
+    References
+    ----------
+    .. [1] M. Garland and P. S. Heckbert, "Surface Simplification Using Quadric Error Metrics",
+       SIGGRAPH 1997.
+
+    Examples
+    --------
+    >>> from skfmap.geometry.sphere import subdivided_octahedron
+    >>> from skfmap.geometry.thinning import thin
+    >>> vertices, faces = subdivided_octahedron(4)
+    >>> thinned = thin(vertices, faces, 100)
+    >>> [array.shape for array in (vertices, *thinned)]
+    [(1026, 3), (100, 3), (196, 3), (1026,)]
+    """
+    n_given = len(vertices)
+    faces = np.ascontiguousarray(faces, dtype=np.int64)
+    if n_given <= n_vertices:
+        return Thinned(vertices, faces, np.arange(n_given))
+    low, high = vertices.min(axis=0), vertices.max(axis=0)
+    centre, scale = (low + high) / 2, float((high - low).max()) / 2
+    dense = Thinned((vertices - centre) / scale, faces, np.arange(n_given))
+    sparse = dense
+    n_rim = int(boundary_vertices(faces, n_given).sum())
+    n_first = _FIRST_STAGE * n_vertices + n_rim  # which is kept then
+    while 2 * n_first < n_given and sparse is dense:
+        candidate = _by_quadrics(dense, n_first)
+        if _is_sound(candidate):
+            sparse = candidate
+        n_first *= 2
+    rim_left = n_rim * (n_vertices / n_given) ** 0.5  # it is thinned like a curve
+    thinned = _by_shortest_edges(sparse, n_vertices, rim_left)
+    placed = _on_the_surface(thinned, sparse)
+    return Thinned(placed * scale + centre, thinned.faces, thinned.vertex_map[sparse.vertex_map])
+
+
+def _by_quadrics(mesh: Thinned, n_vertices: int) -> Thinned:
+    """Collapse quickly to about so many vertices; vertices on the boundary stay."""
+    n_given = len(mesh.vertices)
+    n_faces = int(len(mesh.faces) * n_vertices / n_given)
+    with _ONE_AT_A_TIME:
+        vertices, faces, collapses = fast_simplification.simplify(
+            mesh.vertices,
+            mesh.faces.astype(np.int32),
+            target_count=n_faces,
+            return_collapses=True,
+            preserve_border=True,
+        )
+    into = np.arange(n_given)
+    into[collapses[:, 1]] = collapses[:, 0]
+    while True:
+        further = into[into]
+        if np.array_equal(further, into):
+            break
+        into = further
+    left = into[mesh.faces]
+    left = left[_has_three_corners(left)]
+    # The library numbers what is left in the order of the given vertices.
+    number = np.full(n_given, -1)
+    used = np.unique(left)
+    number[used] = np.arange(len(used))
+    faces = _without_folds(number[left])
+    kept, faces = np.unique(faces, return_inverse=True)
+    renumbered = np.full(len(used) + 1, -1)  # the last for those that are in no face
+    renumbered[kept] = np.arange(len(kept))
+    vertices = vertices[kept]
+    vertex_map = _spread(renumbered[number[into]], mesh, vertices)
+    return Thinned(vertices, faces.reshape(-1, 3), vertex_map)
+
+
+def _by_shortest_edges(mesh: Thinned, n_vertices: int, n_rim: float) -> Thinned:
+    """Collapse shortest edges until few vertices are left, about so many of them on the rim."""
+    n, n_faces = len(mesh.vertices), len(mesh.faces)
+    # Euler: n = n_faces / 2 + n_rim / 2 + characteristic, for the given mesh and for what is left.
+    characteristic = n - (n_faces + boundary_vertices(mesh.faces, n).sum()) / 2
+    best = mesh
+    for _ in range(_TRIES):
+        wanted = min(int(2 * (n_vertices - characteristic) - n_rim), n_faces - 1)
+        vertices, faces, births, _ = igl.decimate(mesh.vertices, mesh.faces, max(wanted, 1))
+        faces = np.ascontiguousarray(faces, dtype=np.int64)
+        n_left = len(vertices)
+        if len(best.vertices) > n_vertices or len(best.vertices) < n_left <= n_vertices:
+            # A face that is left has the corners into which its corners were collapsed.
+            onwards = np.full(n, -1)
+            onwards[mesh.faces[births]] = faces
+            onwards = _spread(onwards, mesh, vertices)
+            best = Thinned(np.ascontiguousarray(vertices), faces, onwards)
+        if _NEARLY * n_vertices <= n_left <= n_vertices:
+            break
+        n_rim = boundary_vertices(faces, n_left).sum() + (n_left > n_vertices)
+    return best
+
+
+def _on_the_surface(thinned: Thinned, mesh: Thinned) -> FloatArray:
+    """Return where each vertex is nearest to the planes of the faces that it stands for."""
+    n = len(thinned.vertices)
+    matrices, sums, weights = np.zeros((n, 3, 3)), np.zeros((n, 3)), np.zeros(n)
+
+    def add(ends: IntArray, normals: FloatArray, areas: FloatArray, points: FloatArray) -> None:
+        """Add planes to the quadrics of the vertices that their ends were collapsed into."""
+        offsets = (normals * points).sum(axis=1)
+        for j in range(ends.shape[1]):
+            first = (ends[:, :j] != ends[:, j, None]).all(axis=1)  # each plane once
+            vertex, area, normal = ends[first, j], areas[first], normals[first]
+            weights[:] += np.bincount(vertex, area, n)
+            for row in range(3):
+                weighted = area * normal[:, row]
+                sums[:, row] += np.bincount(vertex, weighted * offsets[first], n)
+                for column in range(3):
+                    matrices[:, row, column] += np.bincount(vertex, weighted * normal[:, column], n)
+
+    normals, double_areas = _normals(mesh.vertices, mesh.faces)
+    add(thinned.vertex_map[mesh.faces], normals, double_areas, mesh.vertices[mesh.faces[:, 0]])
+    rims, sides = _rim(mesh.faces)
+    if len(rims):  # walls along the boundary, so that it is not drawn inwards
+        along = mesh.vertices[rims[:, 1]] - mesh.vertices[rims[:, 0]]
+        walls = np.cross(along, normals[sides])
+        lengths = np.linalg.norm(walls, axis=1)
+        walls /= np.where(lengths > 0, lengths, 1.0)[:, None]
+        add(thinned.vertex_map[rims], walls, _WALL * lengths**2, mesh.vertices[rims[:, 0]])
+    weights = _STAY * np.where(weights > 0, weights, 1.0)
+    matrices += weights[:, None, None] * np.eye(3)
+    sums += weights[:, None] * thinned.vertices
+    placed = np.linalg.solve(matrices, sums[:, :, None])[:, :, 0]
+
+    before, _ = _normals(thinned.vertices, thinned.faces)
+    steps = np.ones(n)
+    while True:  # vertices of faces that have turned over go back: half of the way, then all of it
+        moved = thinned.vertices + steps[:, None] * (placed - thinned.vertices)
+        after, double_areas = _normals(moved, thinned.faces)
+        corners = moved[thinned.faces]
+        longest = ((corners - np.roll(corners, 1, axis=1)) ** 2).sum(axis=2).max(axis=1)
+        wrong = ((before * after).sum(axis=1) < _TURNED) | (double_areas < _FLAT * longest)
+        back = np.unique(thinned.faces[wrong])
+        if not steps[back].any():
+            return moved
+        steps[back] = np.where(steps[back] > _SMALL_STEP, steps[back] / 2, 0.0)
+
+
+def _normals(vertices: FloatArray, faces: IntArray) -> tuple[FloatArray, FloatArray]:
+    """Return unit normals of faces, zero where there is none, and twice their areas."""
+    a, b, c = (vertices[faces[:, j]] for j in range(3))
+    normals = np.cross(b - a, c - a)
+    double_areas = np.linalg.norm(normals, axis=1)
+    return normals / np.where(double_areas > 0, double_areas, 1.0)[:, None], double_areas
+
+
+def _rim(faces: IntArray) -> tuple[IntArray, IntArray]:
+    """Return the edges that only one face has, as they run in it, and which face that is."""
+    edges = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
+    keys = np.sort(edges, axis=1) @ [int(faces.max()) + 1, 1]
+    _, first, counts = np.unique(keys, return_index=True, return_counts=True)
+    single = first[counts == 1]
+    return edges[single], single % len(faces)
+
+
+def _without_folds(faces: IntArray) -> IntArray:
+    """Leave out faces that lie on each other, as often as that lays others bare."""
+    while True:
+        corners = np.sort(faces, axis=1)
+        order = np.lexsort(corners.T)
+        same = (corners[order][1:] == corners[order][:-1]).all(axis=1)
+        if not same.any():
+            return faces
+        folded = np.zeros(len(faces), dtype=bool)
+        folded[order[1:][same]] = folded[order[:-1][same]] = True
+        faces = faces[~folded]
+
+
+def _spread(vertex_map: IntArray, mesh: Thinned, positions: FloatArray) -> IntArray:
+    """Give vertices that are mapped to nothing (-1) what a neighbour is mapped to.
+
+    Of the targets of its neighbours each gets the nearest, ring by ring.
+    """
+    vertex_map = vertex_map.copy()
+    around = mesh.faces[(vertex_map < 0)[mesh.faces].any(axis=1)]
+    links = np.concatenate([around[:, [i, j]] for i in range(3) for j in range(3) if i != j])
+    while True:
+        links = links[vertex_map[links[:, 0]] < 0]
+        ready = links[vertex_map[links[:, 1]] >= 0]
+        if not len(ready):
+            return vertex_map
+        vertex, target = ready[:, 0], vertex_map[ready[:, 1]]
+        distance = ((mesh.vertices[vertex] - positions[target]) ** 2).sum(axis=1)
+        order = np.lexsort((target, distance, vertex))
+        vertex, first = np.unique(vertex[order], return_index=True)
+        vertex_map[vertex] = target[order][first]
+
+
+def _is_sound(mesh: Thinned) -> bool:
+    n = len(mesh.vertices)
+    return (
+        count_components(mesh.faces, n) == 1
+        and is_wound_consistently(mesh.faces)
+        and not len(nonmanifold_edges(mesh.faces))
+        and not len(nonmanifold_vertices(mesh.faces, n))
+    )
+
+
+def _has_three_corners(faces: IntArray) -> BoolArray:
+    a, b, c = faces.T
+    return (a != b) & (b != c) & (c != a)
