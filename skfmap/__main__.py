@@ -5,7 +5,7 @@ import sys
 import time
 import warnings
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -27,6 +27,7 @@ from skfmap.exceptions import (
 )
 from skfmap.functional.weighting import WEIGHTINGS
 from skfmap.learner import WeightedFunctionalMapLearner
+from skfmap.learner.given_answers import drawn_on_working_meshes, errors_on_working_mesh
 from skfmap.metrics import ERROR_KINDS, PairErrors, reference_distances
 from skfmap.plotting import Camera, plot_matches
 from skfmap.report import Evaluation, thin_out, write_report
@@ -41,7 +42,7 @@ _MATCHINGS: dict[str, dict[str, Any]] = {
 }
 
 
-_GO_ON = " (--on-invalid repair, or skip, goes on without what is broken, but for the reference.)"
+_GO_ON = " (--on-invalid skip goes on without what cannot be used, but for the reference.)"
 
 _KINDS_EXPLAINED = (
     "full: all functions alike; reduced: the more stable half; soft: all, weighted by stability\n"
@@ -66,7 +67,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     try:
         _run(options)
     except (ValueError, TypeError, OSError) as error:
-        hint = isinstance(error, (MeshError, CorrespondenceError)) and options.on_invalid == "raise"
+        hint = isinstance(error, (MeshError, CorrespondenceError)) and options.on_invalid != "skip"
         print(f"skfmap: {error}{_GO_ON if hint else ''}", file=sys.stderr)
         return 2
     except KeyboardInterrupt:
@@ -139,10 +140,17 @@ def _parser() -> argparse.ArgumentParser:
     )
     parser.add_argument(
         "--on-invalid",
-        choices=["raise", "repair", "skip"],
-        default="raise",
-        help="what to do with meshes that cannot be used: stop (default), mend what can be mended "
-        "and leave out the rest, or leave out; the reference must be sound",
+        choices=["mend", "raise", "skip"],
+        default="mend",
+        help="what to do with meshes that are broken: mend them, and stop where nothing helps "
+        "(default); stop; or mend them, and leave out where nothing helps",
+    )
+    parser.add_argument(
+        "--max-vertices",
+        type=int,
+        default=SpectralBasis().max_vertices,
+        help="larger meshes are thinned to so many vertices to compute on; answers are on the "
+        "meshes as they came (default: %(default)s)",
     )
     parser.add_argument(
         "--cache", type=Path, help="folder that keeps bases and probes between runs"
@@ -161,7 +169,7 @@ def _run(options: argparse.Namespace) -> None:
     collection, shapes = _usable(collection, _probed(collection, options))
     left_out = _choose_folds(len(shapes), options.folds)
     scored = thin_out(collection.correspondences)
-    _measure(collection.meshes[0], scored[0], options)
+    _measure(shapes[0], scored[0], options)
     names = ", ".join(collection.names[i] for i in left_out)
     print(f"Leaving out one at a time: {names}. Reference: {collection.names[0]}.", flush=True)
     results: dict[str | None, _Result] = {}
@@ -219,7 +227,7 @@ def _probed(collection: Bunch, options: argparse.Namespace) -> list[ProbedShape]
 def _usable(
     collection: Bunch, shapes: Sequence[ProbedShape | SkippedShape]
 ) -> tuple[Bunch, list[ProbedShape]]:
-    """Return the shapes that can be learned from; correspondences follow renumbered vertices."""
+    """Return the shapes that can be learned from."""
     kept = {i: shape for i, shape in enumerate(shapes) if not isinstance(shape, SkippedShape)}
     if len(kept) < len(shapes):
         names = [name for i, name in enumerate(collection.names) if i not in kept]
@@ -228,24 +236,8 @@ def _usable(
         raise ValueError(
             f"the main job needs a reference and at least two more shapes; {len(kept)} can be used."
         )
-    parts: dict[str, list[Any]] = {"meshes": [], "correspondences": [], "names": [], "shapes": []}
-    for i, usable in kept.items():
-        shape, truth = usable, collection.correspondences[i]
-        if shape.spectral.vertex_map is not None:
-            if i == 0:
-                raise MeshError(
-                    f"The vertices of the reference, {collection.names[0]}, would be renumbered, "
-                    "and matches refer to them. Mend it with skfmap.repair_mesh first, or choose "
-                    "another with --reference."
-                )
-            print(f"  mended: {collection.names[i]}", flush=True)
-            truth = truth.renumber(shape.spectral.vertex_map)
-            shape = replace(shape, spectral=replace(shape.spectral, vertex_map=None))
-        for key, part in zip(
-            parts, (shape.spectral.mesh, truth, collection.names[i], shape), strict=True
-        ):
-            parts[key].append(part)
-    return Bunch(**parts), parts["shapes"]
+    parts = {key: [collection[key][i] for i in kept] for key in ("correspondences", "names")}
+    return Bunch(**parts), list(kept.values())
 
 
 def _make_output(folder: Path) -> None:
@@ -256,13 +248,13 @@ def _make_output(folder: Path) -> None:
         raise ValueError(f"--output {folder} cannot hold the results: {error.strerror}.") from error
 
 
-def _measure(reference: Mesh, truth: Correspondence, options: argparse.Namespace) -> None:
+def _measure(reference: ProbedShape, truth: Correspondence, options: argparse.Namespace) -> None:
     """Compute the geodesic distances on the reference that all scores use."""
-    started = time.perf_counter()
+    started, spectral = time.perf_counter(), reference.spectral
     both = [truth.pairs] if truth.symmetric_pairs is None else [truth.pairs, truth.symmetric_pairs]
-    sources = np.unique(np.concatenate(both)[:, 0])
+    sources = np.unique(spectral.places_of(np.unique(np.concatenate(both)[:, 0]))[0])
     print(f"Geodesic distances from {len(sources)} vertices of {reference.name} ...", flush=True)
-    reference_distances(reference, memory=options.cache, n_jobs=options.jobs).rows(sources)
+    reference_distances(spectral.mesh, memory=options.cache, n_jobs=options.jobs).rows(sources)
     print(f"  {_since(started)}", flush=True)
 
 
@@ -271,13 +263,14 @@ def _transformers(options: argparse.Namespace) -> tuple[SpectralBasis, Descripto
     return (
         SpectralBasis(
             max(120, options.functions),
+            max_vertices=options.max_vertices,
             on_invalid=options.on_invalid,
             memory=options.cache,
             n_jobs=options.jobs,
         ),
         DescriptorTransformer(
             families,
-            on_invalid="raise" if options.on_invalid == "raise" else "skip",
+            on_invalid="skip" if options.on_invalid == "skip" else "raise",
             memory=options.cache,
             n_jobs=options.jobs,
         ),
@@ -312,10 +305,12 @@ def _cross_validate(
             learner.fit([shapes[j] for j in rest], [truths[j] for j in rest])
         result.seconds.append(time.perf_counter() - started)
         for name, how in _MATCHINGS.items():
-            result.errors[name] += learner.pair_errors(
-                [shapes[i]], [scored[i]], reference_y=scored[0], **how
-            )
-        result.matches.extend(learner.match([shapes[i]]))
+            (errors,) = learner.pair_errors([shapes[i]], [scored[i]], reference_y=scored[0], **how)
+            result.errors[name].append(errors_on_working_mesh(errors, shapes[i].spectral))
+        (match,) = learner.match([shapes[i]])
+        result.matches.append(
+            drawn_on_working_meshes(match, shapes[i].spectral, shapes[0].spectral)
+        )
     return result
 
 
@@ -374,9 +369,14 @@ def _save(
         f"error {100 * errors.mean('direct'):.1f} % of sqrt(area)"
         for errors in result.errors["soft"]
     ]
-    meshes = [collection.meshes[i] for i in left_out]
+    meshes = [shapes[i].spectral.mesh for i in left_out]
     plot_matches(
-        result.matches, meshes, collection.meshes[0], path=picture, camera=camera, captions=captions
+        result.matches,
+        meshes,
+        shapes[0].spectral.mesh,
+        path=picture,
+        camera=camera,
+        captions=captions,
     )
     learner = WeightedFunctionalMapLearner(n_functions=options.functions).fit(
         shapes, collection.correspondences

@@ -205,10 +205,10 @@ def _known_map(
     pairs = _Pairs(
         spectral.mesh,
         spectral.mass,
-        join.vertices_i,
+        spectral.working_vertices(join.vertices_i),
         join.weights,
-        spectral.evecs[join.vertices_i, :n_components],
-        spectral_0.evecs[join.vertices_0, :n_components],
+        spectral.evecs_at(join.vertices_i, n_components),
+        spectral_0.evecs_at(join.vertices_0, n_components),
         laplacian_mask(spectral.evals[:k], spectral_0.evals[:k]),
         np.array([k, n_distinct]),
     )
@@ -217,7 +217,7 @@ def _known_map(
 
 
 class _Pairs(NamedTuple):
-    """What a ground-truth map is made of."""
+    """What a ground-truth map is made of; ``vertices_i`` are those of the working mesh."""
 
     mesh: Mesh
     mass: FloatArray

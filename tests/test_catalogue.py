@@ -2,7 +2,7 @@
 
 A match that comes out of it is as right as that of a sound mesh, or is told to be doubtful. What
 happens to a mesh with a fault is written in one row: with the cotangent Laplacian, with the robust
-one, and with ``on_invalid="repair"``. The position changes nothing but for a reference, which must
+one, and with ``on_invalid="skip"``. The position changes nothing but for a reference, which must
 be usable as it is numbered.
 """
 
@@ -315,7 +315,7 @@ def test_a_fault_is_refused_by_name_or_works(outcome_of, fault, position):
 def test_a_fault_is_mended_if_it_can_be(outcome_of, collection, fault, position):
     place, expected = POSITIONS[position], CATALOGUE[fault][2]
     needs_repair = CATALOGUE[fault][0] == REFUSED
-    outcome, message, matches = outcome_of(fault, place, on_invalid="repair")
+    outcome, message, matches = outcome_of(fault, place, on_invalid="skip")
     if position == "reference" and (expected == LEFT_OUT or fault in RENUMBERED):
         assert outcome == REFUSED
         assert "cannot be used" in message or "The vertices of the reference" in message
@@ -415,7 +415,7 @@ def test_predictions_and_scores_of_skipped_shapes_are_not_a_number(make, collect
 
 def test_a_mended_shape_is_scored_in_the_numbers_that_it_came_with(make, collection):
     """With one vertex more, in front, errors are those of the sound mesh at the next index."""
-    model = make(on_invalid="repair").fit(collection.meshes[:4], collection.truths[:4])
+    model = make(on_invalid="skip").fit(collection.meshes[:4], collection.truths[:4])
     sound = collection.meshes[4]
     shifted = skfmap.Correspondence(np.add(collection.truths[4].pairs, [1, 0]))
     broken = unreferenced_vertex(sound.vertices.copy(), sound.faces.copy())
@@ -527,7 +527,7 @@ def test_a_file_is_checked_and_mended_as_its_arrays_are(tmp_path, collection, fa
     np.testing.assert_array_equal(one.mesh.faces, other.mesh.faces)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        (mended,) = SpectralBasis(5, on_invalid="repair").transform([path])
+        (mended,) = SpectralBasis(5, on_invalid="skip").transform([path])
         (skipped,) = SpectralBasis(5, on_invalid="skip").transform([path])
     assert mended.name == skipped.name == "body"
     assert len(mended.evecs if mended.vertex_map is None else mended.vertex_map) == len(vertices)
@@ -554,10 +554,10 @@ def test_a_broken_file_in_a_folder_does_not_lose_the_others(tmp_path, collection
             np.savetxt(folder / f"body{i}.txt", truth.pairs, fmt="%d")
         with warnings.catch_warnings(record=True) as caught:
             warnings.simplefilter("always")
-            data = load_collection(folder, on_invalid="repair")
+            data = load_collection(folder, on_invalid="skip")
             content = joblib.hash([data.meshes, data.correspondences])
             if content not in learned:
-                model = make("paper", on_invalid="repair").fit(data.meshes, data.correspondences)
+                model = make("paper", on_invalid="skip").fit(data.meshes, data.correspondences)
                 learned[content] = skfmap.match(model, data.meshes), caught
         matches, while_learning = learned[content]
         kinds = (RepairWarning, SkippedShapeWarning)
@@ -587,13 +587,13 @@ def test_vertices_that_correspond_by_number_do_so_in_a_mended_file(tmp_path):
     with pytest.warns(SkippedShapeWarning, match="2 vertices with NaN"):
         assert load_collection(tmp_path, on_invalid="skip").meshes[1].n_vertices == ball.n_vertices
     with pytest.warns(RepairWarning, match=r"'ball1': left out \d+ faces .*\(2 vertices with NaN"):
-        data = load_collection(tmp_path, on_invalid="repair")
+        data = load_collection(tmp_path, on_invalid="skip")
     assert [len(truth.pairs) for truth in data.correspondences] == 3 * [ball.n_vertices]
     with pytest.warns(RepairWarning, match="'ball1': removed 2 vertices"):
-        mended = SpectralBasis(10, on_invalid="repair").transform(data.meshes)[1]
+        mended = SpectralBasis(10, on_invalid="skip").transform(data.meshes)[1]
     assert np.flatnonzero(mended.vertex_map < 0).tolist() == [5, 9]
     with pytest.raises(MeshError, match="vertices with NaN"):
-        load_collection(tmp_path, reference="ball1", on_invalid="repair")
+        load_collection(tmp_path, reference="ball1", on_invalid="skip")
 
 
 def test_what_was_left_out_before_is_said_to_have_been(tmp_path, recwarn):
@@ -601,10 +601,10 @@ def test_what_was_left_out_before_is_said_to_have_been(tmp_path, recwarn):
     text = _off(ball.vertices, ball.faces)
     (tmp_path / "ball0.off").write_text(text)
     (tmp_path / "ball1.off").write_text(text[: len(text) // 2])
-    data = load_collection(tmp_path, on_invalid="repair")
+    data = load_collection(tmp_path, on_invalid="skip")
     assert len(recwarn) == 1
     with pytest.raises(MeshError, match=r"X\[1\], shape 'ball1' was left out before: .*ball1.off"):
         SpectralBasis(5).transform(data.meshes)
-    shapes = SpectralBasis(5, on_invalid="repair").transform(data.meshes)
+    shapes = SpectralBasis(5, on_invalid="skip").transform(data.meshes)
     assert isinstance(shapes[1], SkippedShape)
     assert len(recwarn) == 1  # told once

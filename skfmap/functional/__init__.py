@@ -28,7 +28,7 @@ from skfmap.functional.regularization import (
 from skfmap.functional.residuals import residual_covariance, trusted_functions
 from skfmap.functional.row_systems import RowSystems, SharedRowSystems
 from skfmap.functional.signatures import heat_kernel_signature, wave_kernel_signature
-from skfmap.functional.stable_basis import basis_error, stable_basis
+from skfmap.functional.stable_basis import basis_error, missed_by_maps, stable_basis
 from skfmap.functional.subvertex import nearest_on_triangles
 from skfmap.functional.weighting import weight_groups
 
@@ -53,6 +53,7 @@ __all__ = [
     "learned_mask",
     "map_from_pairs",
     "map_from_point_maps",
+    "missed_by_maps",
     "nearest_on_triangles",
     "nearest_orthogonal",
     "optimize_weights",

@@ -115,8 +115,8 @@ class Surface:
         self, vertices: FloatArray, faces: IntArray, normals: FloatArray | None = None
     ) -> None:
         usable = is_finite(vertices)
-        self._vertices = vertices
-        self._faces = faces
+        self.vertices = self._vertices = vertices
+        self.faces = self._faces = faces
         self._used = np.flatnonzero(usable[faces].all(axis=1))
         corners = vertices[faces[self._used]]
         low, high = corners.min(axis=(0, 1)), corners.max(axis=(0, 1))

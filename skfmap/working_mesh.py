@@ -1,0 +1,253 @@
+"""From what was given to a working mesh: sound, connected, of bounded size."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from skfmap._tools.caching import MemoryLike, cached, hash_of_arrays
+from skfmap._tools.types import FloatArray, IntArray
+from skfmap._tools.validation import LARGEST_AREA, SMALLEST_AREA, label
+from skfmap.exceptions import MeshError
+from skfmap.geometry.faults import (
+    count_components,
+    degenerate_faces,
+    nonmanifold_edges,
+    repeated_corners,
+    sound_faces,
+    unreferenced_vertices,
+)
+from skfmap.geometry.normals import vertex_normals
+from skfmap.geometry.orientation import orient_faces
+from skfmap.geometry.places import Surface, places_after_collapse
+from skfmap.geometry.thinning import thin
+from skfmap.geometry.wrapping import wants_wrapping, wrap
+from skfmap.health import repair_mesh
+from skfmap.shapes import Mesh, Prolongation
+
+__all__ = ["WorkingMesh", "check_sound", "working_mesh"]
+
+# Share of the area whose wall is thinner than an edge of the working mesh, beyond which it is told.
+_THIN_WALLS = 0.1
+# Closing radii within which a vertex counts as lying on the shell.
+_REACH = 2.0
+
+
+class WorkingMesh(NamedTuple):
+    """What is computed on, and what it has to do with what was given.
+
+    Attributes
+    ----------
+    mesh : Mesh
+        The working mesh, wound consistently and outwards where that can be told.
+    consistent, outward : bool
+        Whether it is wound so.
+    prolongation : Prolongation or None
+        From the working mesh to the given one; None if they are one, vertex by vertex.
+    told : tuple of str
+        What was done that a person should know of.
+    """
+
+    mesh: Mesh
+    consistent: bool
+    outward: bool
+    prolongation: Prolongation | None
+    told: tuple[str, ...] = ()
+
+
+def working_mesh(
+    given: Mesh | tuple[FloatArray, IntArray],
+    name: str | None,
+    *,
+    mend: bool,
+    wrap: bool,
+    max_vertices: int | None,
+    laplacian: str,
+    memory: MemoryLike = None,
+) -> WorkingMesh:
+    """Return the working mesh of what was given.
+
+    Parameters
+    ----------
+    given : Mesh, or (vertices, faces)
+        Arrays may be broken in any way where it is to be mended.
+    name : str or None
+        What messages call it.
+    mend, wrap : bool
+        Whether it may be mended, and wrapped where it is no surface of a body.
+    max_vertices : int or None
+        Most vertices of the working mesh; None for any number.
+    laplacian : str
+        What it must be sound enough for.
+    memory : str or joblib.Memory, optional
+        Where thinned and wrapped meshes are kept.
+
+    Returns
+    -------
+    WorkingMesh
+        The given mesh itself where it is sound and small.
+
+    Raises
+    ------
+    MeshError
+        If it is not sound, and cannot be mended or must not be.
+    """
+    vertices, faces = (given.vertices, given.faces) if isinstance(given, Mesh) else given
+    if mend and wrap and (reason := _reason_to_wrap(vertices, faces)):
+        content_hash = hash_of_arrays(vertices, faces)
+        shell = cached(_wrapped, memory)((vertices, faces), content_hash, max_vertices)
+        return _of_shell(shell, name, reason)
+    mesh, vertex_map = given, None
+    done: tuple[str, ...] = ()
+    if mend:
+        repair = repair_mesh(given)
+        done, vertex_map = repair.done, repair.vertex_map if repair.renumbered else None
+        mesh = Mesh(repair.mesh.vertices, repair.mesh.faces, name) if done else given
+    if not isinstance(mesh, Mesh):
+        mesh = Mesh(vertices, faces, name)
+    check_sound(mesh, laplacian)
+    wound, consistent, outward = orient_faces(mesh.vertices, mesh.faces)
+    if not np.array_equal(wound, mesh.faces):
+        mesh = Mesh(mesh.vertices, wound, name)
+    if max_vertices is None or mesh.n_vertices <= max_vertices:
+        prolongation = None if vertex_map is None else Prolongation.of_vertices(vertex_map, wound)
+        return WorkingMesh(mesh, consistent, outward, prolongation, done)
+    small = cached(_thinned, memory)(mesh, mesh.content_hash, max_vertices)
+    prolongation = Prolongation.packed(small.face, small.coordinates)
+    if vertex_map is not None:
+        prolongation = prolongation.renumbered(vertex_map)
+    thin_mesh = Mesh(small.vertices, small.faces, name)
+    told = (*done, *_told_of_walls(small, mesh))
+    return WorkingMesh(thin_mesh, consistent, outward, prolongation, told)
+
+
+class _Thinned(NamedTuple):
+    """A thinned mesh, the place of each vertex before, and the share of its area in thin walls."""
+
+    vertices: FloatArray
+    faces: IntArray
+    face: IntArray
+    coordinates: FloatArray
+    thin_walls: float
+
+
+def _thinned(mesh: Mesh, content_hash: str, n_vertices: int) -> _Thinned:  # noqa: ARG001
+    """Thin a mesh, and place its vertices by following the collapses.
+
+    Never at the point nearest in space: that may be on the other side of a thin wall.
+    """
+    try:
+        small = thin(mesh.vertices, mesh.faces, n_vertices)
+    except ValueError as error:
+        raise MeshError(
+            f"{label(mesh.name)} cannot be thinned to {n_vertices} vertices: {error}. Mend it "
+            "(SpectralBasis(on_invalid='mend')), or give max_vertices=None."
+        ) from error
+    face, coordinates, _ = places_after_collapse(
+        mesh.vertices,
+        vertex_normals(mesh.vertices, mesh.faces),
+        small.vertices,
+        small.faces,
+        small.vertex_map,
+    )
+    walls = 0.0
+    where = coordinates.astype(np.float64)
+    return _Thinned(small.vertices, small.faces, face.astype(np.int64), where, walls)
+
+
+def _told_of_walls(small: _Thinned, mesh: Mesh) -> list[str]:
+    if small.thin_walls <= _THIN_WALLS:
+        return []
+    return [
+        f"thinned to {len(small.vertices)} of {mesh.n_vertices} vertices; walls over "
+        f"{small.thin_walls:.0%} of the area are thinner than an edge then, and their sides may be "
+        "taken for each other (a larger max_vertices of SpectralBasis tells them apart)"
+    ]
+
+
+class _Shell(NamedTuple):
+    """The shell around a mesh, thinned, and the place on it of each vertex."""
+
+    vertices: FloatArray
+    faces: IntArray
+    face: IntArray
+    coordinates: FloatArray
+    radius: float
+
+
+def _reason_to_wrap(vertices: FloatArray, faces: IntArray) -> str:
+    sound = sound_faces(vertices, faces)
+    return wants_wrapping(vertices, faces[sound]) if sound.any() else ""
+
+
+def _wrapped(
+    given: tuple[FloatArray, IntArray],
+    content_hash: str,  # noqa: ARG001
+    max_vertices: int | None,
+) -> _Shell:
+    """Wrap a mesh, and place on the shell the vertices that it reaches with agreeing normals."""
+    vertices, faces = given
+    faces = faces[sound_faces(vertices, faces)]
+    shell = wrap(vertices, faces)
+    points, triangles = shell.vertices, shell.faces
+    if max_vertices is not None and len(points) > max_vertices:
+        points, triangles, _ = thin(points, triangles, max_vertices)
+    used = np.unique(faces)
+    face, coordinates = np.full(len(vertices), -1), np.zeros((len(vertices), 2))
+    at, where, distances = Surface(points, triangles).locate(
+        vertices[used], vertex_normals(vertices, faces)[used]
+    )
+    reached = distances <= _REACH * shell.radius
+    face[used[reached]], coordinates[used[reached]] = at[reached], where[reached]
+    return _Shell(points, triangles, face, coordinates, shell.radius)
+
+
+def _of_shell(shell: _Shell, name: str | None, reason: str) -> WorkingMesh:
+    told = (
+        f"wrapped, because {reason}: gaps narrower than {2 * shell.radius:.3g} of its units are "
+        f"closed, and {(shell.face < 0).sum()} of {len(shell.face)} vertices, which the shell does "
+        "not reach, have no answer"
+    )
+    mesh = Mesh(shell.vertices, shell.faces, name)
+    prolongation = Prolongation.packed(shell.face, shell.coordinates)
+    return WorkingMesh(mesh, True, True, prolongation, (told,))
+
+
+def check_sound(mesh: Mesh, laplacian: str) -> None:
+    """Raise where an eigenbasis would be wrong or would bring down the libraries beneath."""
+    who = label(mesh.name)
+    if len(loose := unreferenced_vertices(mesh.faces, mesh.n_vertices)):
+        raise MeshError(
+            f"{who} has {len(loose)} vertices that no face uses, the first is vertex {loose[0]}. "
+            "Remove them, and renumber its correspondences to match."
+        )
+    if len(repeated := repeated_corners(mesh.faces)):
+        raise MeshError(
+            f"{who} has {len(repeated)} faces that name a vertex twice, the first is face "
+            f"{repeated[0]}; remove these faces (vertex numbers stay as they are)."
+        )
+    if (n_parts := count_components(mesh.faces, mesh.n_vertices)) > 1:
+        raise MeshError(
+            f"{who} has {n_parts} connected components; a functional map cannot relate them. Keep "
+            "the largest, or merge duplicate vertices if they split the surface along seams."
+        )
+    if not SMALLEST_AREA < mesh.area < LARGEST_AREA:
+        raise MeshError(
+            f"{who} has an area of {mesh.area:.2g}, too extreme to compute with; check its "
+            "coordinates, or choose another unit of length."
+        )
+    if laplacian == "cotangent":
+        _check_cotangent(mesh, who)
+
+
+def _check_cotangent(mesh: Mesh, who: str) -> None:
+    remedy = "use SpectralBasis(laplacian='robust')."
+    if len(flat := degenerate_faces(mesh.vertices, mesh.faces)):
+        raise MeshError(
+            f"{who} has {len(flat)} faces without area, the first is face {flat[0]}; mend them, "
+            f"or {remedy}"
+        )
+    if len(edges := nonmanifold_edges(mesh.faces)):
+        raise MeshError(
+            f"{who} has {len(edges)} edges with more than two faces, the first is "
+            f"{edges[0].tolist()}; mend them, or {remedy}"
+        )
