@@ -1,6 +1,7 @@
 """What is wrong with the connectivity or the triangles of a mesh."""
 
-from typing import NamedTuple
+from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 import scipy.sparse as sp
@@ -37,6 +38,8 @@ __all__ = [
 # Cotangents of 1e10 leave six of sixteen digits to those that they are added to. TOSCA's cats
 # have 6e-4 and more.
 _NO_AREA = 1e-10
+# Triangles are measured so many at a time, for memory's sake.
+_CHUNK = 2**16
 
 
 def unreferenced_vertices(faces: IntArray, n_vertices: int) -> IntArray:
@@ -69,6 +72,14 @@ def degenerate_faces(vertices: FloatArray, faces: IntArray) -> IntArray:
 
 def area_and_longest_edge(vertices: FloatArray, faces: IntArray) -> tuple[FloatArray, FloatArray]:
     """Return the area and the squared longest edge of each face."""
+    area, longest = np.empty(len(faces)), np.empty(len(faces))
+    for begin in range(0, len(faces), _CHUNK):
+        part = slice(begin, begin + _CHUNK)
+        area[part], longest[part] = _area_and_longest_edge(vertices, faces[part])
+    return area, longest
+
+
+def _area_and_longest_edge(vertices: FloatArray, faces: IntArray) -> tuple[FloatArray, FloatArray]:
     a, b, c = (np.ascontiguousarray(vertices[faces[:, j]].T) for j in range(3))
     ab, bc, ca = b - a, c - b, a - c
     normal = np.stack(
@@ -171,7 +182,8 @@ def slivers(vertices: FloatArray, faces: IntArray, ratio: float = 1e-3) -> IntAr
     return np.flatnonzero((area > _NO_AREA * longest) & (area < ratio * longest))
 
 
-class HalfEdges(NamedTuple):
+@dataclass(frozen=True)
+class HalfEdges:
     """The half-edges of faces, by the edges on which they lie.
 
     Half-edge 3 f + j runs from corner j of face f to the next corner; the corner where it starts
@@ -189,12 +201,25 @@ class HalfEdges(NamedTuple):
     count: IntArray
     """How many half-edges lie on each edge."""
 
-    def twins(self) -> IntArray:
-        """Return the other half-edge on each edge with two, else -1."""
+    @cached_property
+    def twin(self) -> IntArray:
+        """The other half-edge on each edge with two, else -1."""
         twin = np.full(len(self.start), -1)
         one = self.first[self.count == 2]
         twin[self.order[one]], twin[self.order[one + 1]] = self.order[one + 1], self.order[one]
         return twin
+
+    @cached_property
+    def pairs(self) -> IntArray:
+        """The half-edges on edges with two, shape (2, n_pairs); in the first row the earlier."""
+        first = self.first[self.count == 2]
+        return np.stack([self.order[first], self.order[first + 1]])
+
+    def on(self, chosen: BoolArray) -> BoolArray:
+        """Return which half-edges lie on the edges that are chosen."""
+        mask = np.zeros(len(self.start), dtype=bool)
+        mask[self.order] = np.repeat(chosen, self.count)
+        return mask
 
     def alone(self) -> IntArray:
         """Return the half-edges on edges that no other has: the boundary."""
@@ -238,8 +263,8 @@ def vertices_of_many_fans(edges: HalfEdges, n_vertices: int) -> BoolArray:
     Around each vertex one goes from face to face across edges that two faces share and that are
     wound alike. Where not all faces are met there may be another fan, or an edge of another kind.
     """
-    start, twin = edges.start, edges.twins()
-    twin[(twin >= 0) & (edges.end != start[twin])] = -1
+    start = edges.start
+    twin = np.where(edges.end == start[edges.twin], edges.twin, -1)  # for -1 this is -1 anyway
     n_corners = len(start)
     corner = np.arange(n_corners)
     after = twin[corner - corner % 3 + (corner + 2) % 3]
@@ -282,9 +307,7 @@ def label_fans(
     fan : ndarray of int, shape (n_corners,)
         Number of the fan of each.
     """
-    start, end = (
-        (edges.start, edges.end) if place is None else (place[edges.start], place[edges.end])
-    )
+    start = edges.start if place is None else place[edges.start]
     corners = np.flatnonzero(at[edges.start])
     number = np.full(len(start), -1)
     number[corners] = np.arange(len(corners))

@@ -58,15 +58,13 @@ def against_the_rest(edges: HalfEdges) -> tuple[BoolArray, BoolArray]:
     >>> against_the_rest(half_edges(faces))[0].tolist()
     [False, False, False, True]
     """
-    twin, n_faces = edges.twins(), len(edges.start) // 3
-    half = np.flatnonzero(twin > np.arange(len(twin)))
-    one, other = half // 3, twin[half] // 3
-    alike = edges.start[half] != edges.start[twin[half]]
+    n = len(edges.start) // 3
+    alike = np.not_equal(*edges.start[edges.pairs])
     if alike.all():
-        return np.zeros(n_faces, dtype=bool), np.zeros(n_faces, dtype=bool)
+        return np.zeros(n, dtype=bool), np.zeros(n, dtype=bool)
+    one, other = edges.pairs // 3
     # Each face has two sides, f and f + n. Neighbours continue each other on the same side where
     # they are wound alike; a patch whose two sides hang together has only one.
-    n = n_faces
     rows = np.concatenate([one, one + n])
     columns = np.concatenate([np.where(alike, other, other + n), np.where(alike, other + n, other)])
     _, sheet = sp.csgraph.connected_components(
