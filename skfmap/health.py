@@ -37,7 +37,7 @@ from skfmap.geometry.orientation import orient_faces, signed_volume
 from skfmap.io import MeshLike, read_arrays
 from skfmap.shapes import Mesh
 
-__all__ = ["Fault", "MeshReport", "Repair", "check_mesh", "repair_mesh"]
+__all__ = ["WOUND", "Fault", "MeshReport", "Repair", "check_mesh", "repair_mesh"]
 
 # A mesh this many times its extent away from the origin has lost six of sixteen digits of its
 # coordinates. Only a note hangs on it; other numbers were never tried.
@@ -49,6 +49,9 @@ _SINGLE = float(np.finfo(np.float32).eps)
 _MERGED, _STEP_OF_EDGE = 0.05, 0.25
 # Share of the vertices that a repair may remove before it asks whether the mesh is whole; a guess.
 _MANY_REMOVED = 0.2
+
+WOUND = "wound the faces consistently and outwards"
+"""What is done without a word: vertices keep their numbers."""
 
 
 @dataclass(frozen=True)
@@ -517,7 +520,7 @@ def repair_mesh(mesh: MeshLike) -> Repair:
         done.append(f"removed {n_dropped} vertices that no face used{doubt}")
     wound, _, _ = orient_faces(mended.vertices, mended.faces, mended.edges)
     if "turned faces" in mended.tally or wound is not mended.faces:
-        done.append("wound the faces consistently and outwards")
+        done.append(WOUND)
     return Repair(Mesh(mended.vertices, wound, name), mended.vertex_map, tuple(done))
 
 

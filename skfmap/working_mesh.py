@@ -21,7 +21,7 @@ from skfmap.geometry.orientation import orient_faces
 from skfmap.geometry.places import Surface, places_after_collapse
 from skfmap.geometry.thinning import thin
 from skfmap.geometry.wrapping import wants_wrapping, wrap
-from skfmap.health import repair_mesh
+from skfmap.health import WOUND, repair_mesh
 from skfmap.shapes import Mesh, Prolongation
 
 __all__ = ["WorkingMesh", "check_sound", "working_mesh"]
@@ -100,8 +100,9 @@ def working_mesh(
     done: tuple[str, ...] = ()
     if mend:
         repair = repair_mesh(given)
-        done, vertex_map = repair.done, repair.vertex_map if repair.renumbered else None
-        mesh = Mesh(repair.mesh.vertices, repair.mesh.faces, name) if done else given
+        vertex_map = repair.vertex_map if repair.renumbered else None
+        mesh = Mesh(repair.mesh.vertices, repair.mesh.faces, name) if repair.done else given
+        done = tuple(one for one in repair.done if one != WOUND)
     if not isinstance(mesh, Mesh):
         mesh = Mesh(vertices, faces, name)
     check_sound(mesh, laplacian)
