@@ -17,7 +17,7 @@ from skfmap.geometry.faults import (
     unreferenced_vertices,
 )
 from skfmap.geometry.normals import vertex_normals
-from skfmap.geometry.orientation import orient_faces
+from skfmap.geometry.orientation import orient_faces, signed_volume
 from skfmap.geometry.places import Surface, places_after_collapse
 from skfmap.geometry.thinning import thin
 from skfmap.geometry.wrapping import wants_wrapping, wrap
@@ -96,36 +96,62 @@ def working_mesh(
         content_hash = hash_of_arrays(vertices, faces)
         shell = cached(_wrapped, memory)((vertices, faces), content_hash, max_vertices)
         return _of_shell(shell, name, reason)
-    mesh, vertex_map = given, None
-    done: tuple[str, ...] = ()
-    if mend:
-        repair = repair_mesh(given)
-        vertex_map = repair.vertex_map if repair.renumbered else None
-        mesh = Mesh(repair.mesh.vertices, repair.mesh.faces, name) if repair.done else given
-        done = tuple(one for one in repair.done if one != WOUND)
-    if not isinstance(mesh, Mesh):
-        mesh = Mesh(vertices, faces, name)
-    check_sound(mesh, laplacian)
-    wound, consistent, outward = orient_faces(mesh.vertices, mesh.faces)
-    if not np.array_equal(wound, mesh.faces):
-        mesh = Mesh(mesh.vertices, wound, name)
+    sound = _mended(given, name) if mend else _as_it_is(given, name, laplacian)
+    mesh, vertex_map = sound.mesh, sound.vertex_map
     if max_vertices is None or mesh.n_vertices <= max_vertices:
-        prolongation = None if vertex_map is None else Prolongation.of_vertices(vertex_map, wound)
-        return WorkingMesh(mesh, consistent, outward, prolongation, done)
-    small = cached(_thinned, memory)(mesh, mesh.content_hash, max_vertices)
-    prolongation = Prolongation.packed(small.face, small.coordinates)
-    if vertex_map is not None:
-        prolongation = prolongation.renumbered(vertex_map)
-    thin_mesh = Mesh(small.vertices, small.faces, name)
-    told = (*done, *_told_of_walls(small, mesh))
-    return WorkingMesh(thin_mesh, consistent, outward, prolongation, told)
+        faces, consistent, outward = orient_faces(mesh.vertices, mesh.faces)
+        if not np.array_equal(faces, mesh.faces):
+            mesh = Mesh(mesh.vertices, faces, name)
+        prolongation = None if vertex_map is None else Prolongation.of_vertices(vertex_map, faces)
+        working = WorkingMesh(mesh, consistent, outward, prolongation, sound.done)
+    else:
+        small = cached(_thinned, memory)(mesh, mesh.content_hash, max_vertices)
+        prolongation = Prolongation.packed(small.face, small.coordinates)
+        if vertex_map is not None:
+            prolongation = prolongation.renumbered(vertex_map)
+        told = (*sound.done, *_told_of_walls(small, mesh))
+        mesh = Mesh(small.vertices, small.faces, name)
+        working = WorkingMesh(mesh, small.consistent, small.outward, prolongation, told)
+    if mend:
+        check_sound(working.mesh, laplacian)
+    return working
+
+
+class _Sound(NamedTuple):
+    """A sound mesh, what became of the vertices that were given, and what was done."""
+
+    mesh: Mesh
+    vertex_map: IntArray | None
+    done: tuple[str, ...]
+
+
+def _as_it_is(
+    given: Mesh | tuple[FloatArray, IntArray], name: str | None, laplacian: str
+) -> _Sound:
+    mesh = given if isinstance(given, Mesh) else Mesh(*given, name)
+    check_sound(mesh, laplacian)
+    return _Sound(mesh, None, ())
+
+
+def _mended(given: Mesh | tuple[FloatArray, IntArray], name: str | None) -> _Sound:
+    repair = repair_mesh(given)
+    if not repair.done:
+        return _Sound(given if isinstance(given, Mesh) else Mesh(*given, name), None, ())
+    mesh = Mesh(repair.mesh.vertices, repair.mesh.faces, name)
+    done = tuple(one for one in repair.done if one != WOUND)
+    return _Sound(mesh, repair.vertex_map if repair.renumbered else None, done)
 
 
 class _Thinned(NamedTuple):
-    """A thinned mesh, the place of each vertex before, and the share of its area in thin walls."""
+    """A thinned mesh, how it is wound, the place of each vertex before, and its thin walls.
+
+    These as a share of the area.
+    """
 
     vertices: FloatArray
     faces: IntArray
+    consistent: bool
+    outward: bool
     face: IntArray
     coordinates: FloatArray
     thin_walls: float
@@ -143,16 +169,13 @@ def _thinned(mesh: Mesh, content_hash: str, n_vertices: int) -> _Thinned:  # noq
             f"{label(mesh.name)} cannot be thinned to {n_vertices} vertices: {error}. Mend it "
             "(SpectralBasis(on_invalid='mend')), or give max_vertices=None."
         ) from error
-    face, coordinates, _ = places_after_collapse(
-        mesh.vertices,
-        vertex_normals(mesh.vertices, mesh.faces),
-        small.vertices,
-        small.faces,
-        small.vertex_map,
-    )
-    walls = 0.0
-    where = coordinates.astype(np.float64)
-    return _Thinned(small.vertices, small.faces, face.astype(np.int64), where, walls)
+    faces, consistent, outward = orient_faces(small.vertices, small.faces)
+    # An open surface may have been wound inwards.
+    flipped = -1.0 if outward and signed_volume(small.vertices, small.faces) < 0 else 1.0
+    normals = flipped * vertex_normals(mesh.vertices, mesh.faces)
+    places = places_after_collapse(mesh.vertices, normals, small.vertices, faces, small.vertex_map)
+    where, at = places.coordinates.astype(np.float64), places.face.astype(np.int64)
+    return _Thinned(small.vertices, faces, consistent, outward, at, where, 0.0)
 
 
 def _told_of_walls(small: _Thinned, mesh: Mesh) -> list[str]:
