@@ -9,12 +9,12 @@ from collections.abc import Iterator
 from typing import NamedTuple, Protocol
 
 import numpy as np
-from sklearn.neighbors import NearestNeighbors
 
 from skfmap._tools.part import Part
 from skfmap._tools.types import FloatArray, IntArray
 from skfmap._tools.validation import check_number
 from skfmap.functional.embedding import spectral_embeddings
+from skfmap.functional.neighbours import nearest_both
 from skfmap.functional.refinement import map_from_point_maps, nearest_orthogonal
 from skfmap.functional.residuals import trusted_functions
 from skfmap.shapes import ProbedShape, SpectralShape
@@ -30,10 +30,6 @@ __all__ = [
     "match_points",
     "rematch_points",
 ]
-
-# Share of a squared length within which squared distances are equal: what different kernels of the
-# linear algebra leave on bodies of 5,000 vertices is a hundredth of it.
-_ROUNDING = 1e-9
 
 
 class PointMatch(NamedTuple):
@@ -139,23 +135,9 @@ def _nearest_both(
     points_i, points_0 = spectral_embeddings(
         spectral.evecs[:, :n], spectral_0.evecs[:, :n], C, functions
     )
-    return points_i, points_0, nearest(points_i, points_0), nearest(points_0, points_i)
-
-
-def nearest(points: FloatArray, targets: FloatArray) -> IntArray:
-    """Return the nearest target of each point.
-
-    The first of those that are as near but for rounding.
-    """
-    neighbours = NearestNeighbors(n_neighbors=min(2, len(targets)), algorithm="brute").fit(targets)
-    distances, found = neighbours.kneighbors(points)
-    # Squared distances that come from a matrix product are off by rounding of this size.
-    slack = _ROUNDING * np.square(points).sum(axis=1)
-    first = np.array(found[:, 0], dtype=np.int64)
-    for row in np.flatnonzero(np.ptp(np.square(distances), axis=1) <= slack):
-        squared = np.square(targets - points[row]).sum(axis=1)
-        first[row] = np.argmax(squared <= squared.min() + slack[row])
-    return first
+    if not (np.isfinite(points_i).all() and np.isfinite(points_0).all()):
+        raise ValueError("C and functions must be finite; they hold NaN, or values that overflow.")
+    return points_i, points_0, *nearest_both(points_i, points_0)
 
 
 class Refinement(Part, ABC):

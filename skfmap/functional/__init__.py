@@ -8,6 +8,7 @@ from skfmap.functional.embedding import spectral_embeddings
 from skfmap.functional.fmap import MapEquation, solve_functional_map
 from skfmap.functional.ground_truth import GroundTruth, map_from_pairs
 from skfmap.functional.learning import LearnedMaps, learn_functional_maps
+from skfmap.functional.neighbours import nearest, nearest_both
 from skfmap.functional.norm import epsilon_by_rule, rank_norm, rank_norm_and_gradient
 from skfmap.functional.normalization import scale_by
 from skfmap.functional.objective import LearningProblem
@@ -54,6 +55,8 @@ __all__ = [
     "map_from_pairs",
     "map_from_point_maps",
     "missed_by_maps",
+    "nearest",
+    "nearest_both",
     "nearest_on_triangles",
     "nearest_orthogonal",
     "optimize_weights",
