@@ -20,6 +20,7 @@ from skfmap import (
 )
 from skfmap._measures import GeodesicDistances, PlaceDistances
 from skfmap.datasets import make_sphere
+from skfmap.descriptors import FunctionProbes
 from skfmap.exceptions import MeshError
 from skfmap.io import open_given, write_mesh
 from skfmap.persistence import load_model, save_model
@@ -104,6 +105,21 @@ def test_eigenfunctions_at_given_vertices_are_those_of_the_dense_mesh(thinned, d
     at = coarse.evecs_at(np.arange(2000), 6)
     agreement = np.abs(np.linalg.svd(fine.evecs[:, :6].T @ (fine.mass[:, None] * at))[1])
     assert agreement.min() > 0.98
+
+
+def test_functions_of_ones_own_may_be_on_the_given_vertices(dense):
+    (shape,) = SpectralBasis(30, max_vertices=_MOST).transform(dense.meshes[:1])
+    heights = {"body0": dense.meshes[0].vertices[:, 2]}
+    given, working = (
+        FunctionProbes(function)
+        for function in (
+            lambda shape: heights[shape.name],
+            lambda shape: shape.restrict(heights[shape.name]),
+        )
+    )
+    np.testing.assert_array_equal(given.coefficients(shape), working.coefficients(shape))
+    with pytest.raises(ValueError, match="must return finite values of shape"):
+        FunctionProbes(lambda shape: np.ones(7)).coefficients(shape)
 
 
 # Answers
