@@ -19,7 +19,7 @@ from skfmap.geometry.faults import (
 from skfmap.geometry.normals import vertex_normals
 from skfmap.geometry.orientation import orient_faces, signed_volume
 from skfmap.geometry.places import Surface, places_after_collapse
-from skfmap.geometry.thinning import thin
+from skfmap.geometry.thinning import check_thinned, thin
 from skfmap.geometry.wrapping import wants_wrapping, wrap
 from skfmap.health import WOUND, repair_mesh
 from skfmap.shapes import Mesh, Prolongation
@@ -28,6 +28,9 @@ __all__ = ["WorkingMesh", "check_sound", "working_mesh"]
 
 # Share of the area whose wall is thinner than an edge of the working mesh, beyond which it is told.
 _THIN_WALLS = 0.1
+# How far, in sqrt(area), thinning may move the surface anywhere without a word: three edges of 5,000
+# vertices.
+_FAR_OFF = 0.05
 # Closing radii within which a vertex counts as lying on the shell.
 _REACH = 2.0
 
@@ -143,9 +146,10 @@ def _mended(given: Mesh | tuple[FloatArray, IntArray], name: str | None) -> _Sou
 
 
 class _Thinned(NamedTuple):
-    """A thinned mesh, how it is wound, the place of each vertex before, and its thin walls.
+    """A thinned mesh, how it is wound, and the place on it of each vertex before.
 
-    These as a share of the area.
+    Its thin walls as a share of its area, and how far the surface is at most from where it was, in
+    sqrt(area).
     """
 
     vertices: FloatArray
@@ -155,6 +159,7 @@ class _Thinned(NamedTuple):
     face: IntArray
     coordinates: FloatArray
     thin_walls: float
+    hausdorff: float
 
 
 def _thinned(mesh: Mesh, content_hash: str, n_vertices: int) -> _Thinned:  # noqa: ARG001
@@ -165,27 +170,49 @@ def _thinned(mesh: Mesh, content_hash: str, n_vertices: int) -> _Thinned:  # noq
     try:
         small = thin(mesh.vertices, mesh.faces, n_vertices)
     except ValueError as error:
-        raise MeshError(
-            f"{label(mesh.name)} cannot be thinned to {n_vertices} vertices: {error}. Mend it "
-            "(SpectralBasis(on_invalid='mend')), or give max_vertices=None."
-        ) from error
+        raise _not_thinned(mesh, n_vertices, str(error)) from error
     faces, consistent, outward = orient_faces(small.vertices, small.faces)
     # An open surface may have been wound inwards.
     flipped = -1.0 if outward and signed_volume(small.vertices, small.faces) < 0 else 1.0
     normals = flipped * vertex_normals(mesh.vertices, mesh.faces)
     places = places_after_collapse(mesh.vertices, normals, small.vertices, faces, small.vertex_map)
-    where, at = places.coordinates.astype(np.float64), places.face.astype(np.int64)
-    return _Thinned(small.vertices, faces, consistent, outward, at, where, 0.0)
+    report = check_thinned(mesh.vertices, mesh.faces, small, places.distance)
+    if not report.manifold or report.n_pieces > 1:
+        raise _not_thinned(mesh, n_vertices, "its surface would come apart")
+    return _Thinned(
+        small.vertices,
+        faces,
+        consistent,
+        outward,
+        places.face.astype(np.int64),
+        places.coordinates.astype(np.float64),
+        report.thin_wall_share,
+        max(report.hausdorff),
+    )
+
+
+def _not_thinned(mesh: Mesh, n_vertices: int, why: str) -> MeshError:
+    return MeshError(
+        f"{label(mesh.name)} cannot be thinned to {n_vertices} vertices: {why}. Mend it "
+        "(SpectralBasis(on_invalid='mend')), or give max_vertices=None."
+    )
 
 
 def _told_of_walls(small: _Thinned, mesh: Mesh) -> list[str]:
-    if small.thin_walls <= _THIN_WALLS:
-        return []
-    return [
-        f"thinned to {len(small.vertices)} of {mesh.n_vertices} vertices; walls over "
-        f"{small.thin_walls:.0%} of the area are thinner than an edge then, and their sides may be "
-        "taken for each other (a larger max_vertices of SpectralBasis tells them apart)"
-    ]
+    thinned = f"thinned to {len(small.vertices)} of {mesh.n_vertices} vertices"
+    told = []
+    if small.thin_walls > _THIN_WALLS:
+        told.append(
+            f"{thinned}, walls over {small.thin_walls:.0%} of the area are thinner than an edge, "
+            "and their sides may be taken for each other (a larger max_vertices of SpectralBasis "
+            "tells them apart)"
+        )
+    if small.hausdorff > _FAR_OFF:
+        told.append(
+            f"{thinned}, some of the surface is {small.hausdorff:.2f} sqrt(area) away from where "
+            "it was: a detail too thin for so few vertices"
+        )
+    return told
 
 
 class _Shell(NamedTuple):

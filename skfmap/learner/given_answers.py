@@ -13,7 +13,7 @@ from skfmap._tools.types import FloatArray, IntArray, SparseMatrix
 from skfmap.geometry.faults import sound_faces
 from skfmap.geometry.geodesics import mean_edge_length
 from skfmap.geometry.normals import vertex_normals
-from skfmap.geometry.places import Surface
+from skfmap.geometry.places import Places, Surface, surface_of_places
 from skfmap.io import open_given
 from skfmap.shapes import Correspondence, Match, Mesh, ProbedShape, SpectralShape
 
@@ -46,11 +46,20 @@ class GivenReference:
     shape: SpectralShape
 
     @cached_property
-    def surface(self) -> Surface:
-        """Its given mesh, opened if need be: the nearest place, with an agreeing normal."""
+    def arrays(self) -> tuple[FloatArray, IntArray]:
+        """Vertices and sound faces of the given mesh, which is opened if need be."""
         mesh = self.shape.mesh if self.shape.given is None else open_given(self.shape.given)
         vertices, faces = (mesh.vertices, mesh.faces) if isinstance(mesh, Mesh) else mesh
-        return Surface(vertices, faces[sound_faces(vertices, faces)])
+        return vertices, faces[sound_faces(vertices, faces)]
+
+    @cached_property
+    def surface(self) -> Surface:
+        """The given mesh as it lies on the working mesh: there places of both are looked up."""
+        mesh, prolongation = self.shape.mesh, self.shape.prolongation
+        if prolongation is None:
+            return Surface(mesh.vertices, mesh.faces)
+        places = Places(prolongation.face, prolongation.coordinates, np.empty(0))
+        return surface_of_places(self.arrays[1], places, mesh.vertices, mesh.faces)
 
     @property
     def is_working(self) -> bool:
@@ -60,8 +69,9 @@ class GivenReference:
     def places(self, points: FloatArray, normals: FloatArray) -> tuple[IntArray, FloatArray]:
         """Return given vertices and their weights, both of shape (n, 3), nearest to some points."""
         face, coordinates, _ = self.surface.locate(points, normals)
-        weights = np.column_stack([1 - coordinates.sum(axis=1), coordinates])
-        return self.surface.faces[face], weights
+        last_two = coordinates.astype(np.float64)
+        weights = np.column_stack([np.maximum(1 - last_two.sum(axis=1), 0.0), last_two])
+        return self.arrays[1][face], weights
 
     def of_working_vertices(self) -> IntArray:
         """Return the given vertex nearest to each working one."""
@@ -73,7 +83,7 @@ class GivenReference:
 
     def nearest_corners(self, corners: IntArray, weights: FloatArray) -> IntArray:
         """Return which of the three given vertices is nearest to each place."""
-        at = self.surface.vertices[corners]
+        at = self.arrays[0][corners]
         away = np.linalg.norm(at - np.einsum("nc,ncd->nd", weights, at)[:, None], axis=2)
         return np.take_along_axis(corners, np.argmin(away, axis=1)[:, None], axis=1)[:, 0]
 
