@@ -3,34 +3,47 @@
 import numpy as np
 import scipy.linalg
 import scipy.sparse as sp
-from scipy.sparse.linalg import splu
+from scipy.sparse.linalg import SuperLU, splu
 
 from skfmap._tools.ties import ROUNDING, first_of_largest
-from skfmap._tools.types import FloatArray, SparseMatrix
+from skfmap._tools.types import FloatArray, IntArray, SparseMatrix
 
 __all__ = ["fix_signs", "laplacian_eigenbasis"]
 
-# The inverse iteration is shifted to well below the first non-zero eigenvalue of a surface of
-# unit area: 25 on a sphere, 6 to 7 on TOSCA's cats, where any shift from 1e-6 to 10 needs as many
-# vectors.
-_SHIFT = 0.01
+# The inverse is taken at this share of the eigenvalue that Weyl's law (4 pi n on a surface of unit
+# area) expects to be the last one wanted: from the middle of what is wanted, the last functions are
+# half as far as from below the first. 128 functions of a cat take 377 dimensions from below, 345,
+# 321, 281 and 281 from shares of 0.2, 0.3, 0.5 and 0.7.
+_SHARE = 0.5
+# Where more of the eigenvalues wanted lie below the shift than this share, as on a needle, it is
+# lowered.
+_MOST_BELOW = 0.75
+# A pivot that is smaller, in parts of the shift, would cost more than six digits. The least of all
+# is 0.002 to 0.8 on cats and creatures.
+_LEAST_PIVOT = 1e-4
 # Vectors at a time share a triangular solve, but need more of them in all (docs/speed.rst,
-# "Bases"): of a cat, 128 functions take 2.5, 2.9, 3.6 and 4.5 dimensions each by blocks of 1, 4,
-# 8 and 16.
+# "Bases"): of a cat, 128 functions take 1.8, 2.2 and 2.7 dimensions each by blocks of 1, 4 and 8.
 _BLOCK = 4
-# Residual |A v - lambda v| of unit vectors, relative to max(lambda, 1), at which a function counts
-# as found: what ARPACK leaves as well (docs/speed.rst, "Bases").
-_TOLERANCE = 1e-10
+# Error |K f - theta f| of a function of unit norm under the inverse K, in parts of |theta|, at
+# which it counts as found.
+_TOLERANCE = 1e-9
 # Smaller problems, and those that need a large part of all eigenfunctions, are solved as dense
-# ones. Random balls take as long either way for about 1/30 of all functions at 300 vertices, 1/11
-# at 1,000 and 1/7 at 2,000.
+# ones. Random balls take as long either way for about 1/15 of all functions at 300 vertices, 1/4 at
+# 500 and 1/3 at 1,000 and 2,000.
 _SMALL = 300
-_LARGE_PART = 8
+_LARGE_PART = 4
 # Dimensions of the Krylov space per function wanted: how many to begin looking at, and how many,
-# and some more, to give up at. A cat needs 5.3 (16 functions), 4.2 (32), 2.9 (128) and 2.6 (256).
-_FIRST_LOOK, _MOST, _SOME_MORE = 2.0, 8.0, 100
-# Looks are a twelfth of the functions wanted apart: 128 of a cat are found at the eleventh.
-_LOOKS = 12
+# and some more, to give up at.
+_FIRST_LOOK, _MOST, _SOME_MORE = 1.75, 8.0, 100
+# Dimensions per function wanted that bring one more digit, from which the next look is chosen: a
+# look at 250 dimensions takes as long as ten blocks on a mesh of 1,500 vertices. Cats and creatures
+# need 1/16.
+_PER_DIGIT = 1 / 16
+# The eigenvalue 0 to rounding, in parts of the shift; what is below it is no eigenvalue.
+_ROUNDING_OF_NIL = 1e-6
+# Rows of a tall matrix that are multiplied at a time, so that a part of the product stays in the
+# cache: twice as fast as all at once.
+_ROWS = 500
 # Share of the integral of |f|^3 below which that of f^3 is rounding: antisymmetric functions of a
 # symmetric ellipsoid leave 1e-12, its others 0.009, those of the cats 5e-5 and more.
 _NIL_SKEWNESS = 1e-6
@@ -41,8 +54,10 @@ def laplacian_eigenbasis(
 ) -> tuple[FloatArray, FloatArray]:
     """Solve ``stiffness @ evecs = diag(mass) @ evecs @ diag(evals)`` for the smallest eigenvalues.
 
-    Block Lanczos on the shifted inverse, with full orthogonalisation and fixed start vectors, so
-    that every run returns the same result. Residuals relative to max(eigenvalue, 1) are below 1e-9.
+    Block Lanczos on the inverse, shifted to the middle of the spectrum wanted, with full
+    orthogonalisation and fixed start vectors, so that every run returns the same result. For each
+    eigenvalue ``x`` and function ``f`` the norm of (stiffness + x mass)^-1 (stiffness - x mass) f,
+    by which ``f`` misses, is below 1e-8.
 
     Parameters
     ----------
@@ -101,15 +116,11 @@ def _block_lanczos(
 ) -> tuple[FloatArray, FloatArray]:
     """Return the smallest eigenvalues of a matrix with a known null vector, and their vectors.
 
-    Eigenvalues ascend. A basis of the Krylov space of K = (A + shift)^-1 grows by a block at a
-    time, each one the part of K times the block before that is new. One more application of K takes
-    rounding errors of high frequency out of the Ritz vectors.
+    Eigenvalues ascend. A basis of the Krylov space of K = (A - shift)^-1 grows by a block at a
+    time, each one the part of K times the block before that is new.
     """
     n = len(null)
-    shifted = sp.csc_array(A + _SHIFT * sp.eye_array(n))
-    solver = splu(
-        shifted, permc_spec="COLAMD", diag_pivot_thresh=0.0, options={"SymmetricMode": True}
-    )
+    shift, solver = _factorise(A, n_wanted)
     most = min(n - _BLOCK, int(_MOST * n_wanted) + _SOME_MORE)
     # One block more than is looked at: the last one is written, but not used.
     Q = np.empty((n, most + _BLOCK), order="F")  # columns are touched as they are needed
@@ -117,39 +128,71 @@ def _block_lanczos(
     block = np.random.default_rng(0).standard_normal((n, _BLOCK))
     Q[:, 1 : 1 + _BLOCK] = _orthonormal(block - np.outer(Q[:, 0], Q[:, 0] @ block))[0]
     H = np.zeros((most, most))
-    H[0, 0] = 1 / _SHIFT
-    look = int(_FIRST_LOOK * n_wanted)
+    H[0, 0] = -1 / shift
+    look, worst = int(_FIRST_LOOK * n_wanted), np.inf
     for end in range(1 + _BLOCK, most + 1, _BLOCK):
         begin, is_last = end - _BLOCK, end + _BLOCK > most
-        W = np.asarray(solver.solve(np.ascontiguousarray(Q[:, begin:end])))
+        W = np.asarray(solver.solve(Q[:, begin:end]))
         # K is symmetric: of the other blocks only rounding is left.
         near = slice(max(0, begin - _BLOCK), end)
         H[near, begin:end] = Q[:, near].T @ W
         H[begin:end, near] = H[near, begin:end].T
         W -= Q[:, near] @ H[near, begin:end]
-        W -= Q[:, :end] @ (Q[:, :end].T @ W)
+        _remove(W, Q[:, :end])
         new, coupling = _orthonormal(W)
         if end >= look or is_last:
-            theta, s = scipy.linalg.eigh(H[:end, :end], subset_by_index=(end - n_wanted, end - 1))
-            errors = np.linalg.norm(coupling @ s[begin:end], axis=0) / theta**2
-            if (errors <= _TOLERANCE * np.maximum(1 / theta, 1)).all():
-                return _rayleigh_ritz(A, solver.solve(Q[:, :end] @ (s / theta)))
-            look = end + max(_BLOCK, n_wanted // _LOOKS)
+            theta, s = scipy.linalg.eigh(H[:end, :end], check_finite=False)
+            chosen = _smallest(theta, shift)[:n_wanted]
+            if len(chosen) == n_wanted:
+                theta, s = theta[chosen], s[:, chosen]
+                worst = (np.linalg.norm(coupling @ s[begin:], axis=0) / np.abs(theta)).max()
+                if worst <= _TOLERANCE:
+                    return shift + 1 / theta, Q[:, :end] @ s
+            missing = np.log10(min(worst, 1) / _TOLERANCE)
+            look = end + max(_BLOCK, int(_PER_DIGIT * n_wanted * missing))
         Q[:, end : end + _BLOCK] = new
-    reached = f"residual {errors.max():.1g} after {end} vectors"
+    reached = f"error {worst:.1g} after {end} vectors"
     raise np.linalg.LinAlgError(f"the eigen-solver did not converge: {reached}")
+
+
+def _factorise(A: SparseMatrix, n_wanted: int) -> tuple[float, SuperLU]:
+    """Return a shift in the middle of the smallest eigenvalues, and solve for A - shift."""
+    shift = _SHARE * 4 * np.pi * n_wanted
+    while True:
+        solver = splu(
+            sp.csc_array(A - shift * sp.eye_array(A.shape[0])),
+            permc_spec="COLAMD",
+            diag_pivot_thresh=0.0,
+            options={"SymmetricMode": True},
+        )
+        # As many pivots are negative as eigenvalues lie below the shift (Sylvester).
+        pivots = solver.U.diagonal()
+        n_below = np.count_nonzero(pivots < 0)
+        if n_below > _MOST_BELOW * n_wanted:
+            shift *= n_wanted / (2 * n_below)
+        elif np.abs(pivots).min() < _LEAST_PIVOT * shift:
+            shift *= 0.9
+        else:
+            return shift, solver
+
+
+def _smallest(theta: FloatArray, shift: float) -> IntArray:
+    """Return where the eigenvalues shift + 1 / theta are that ascend from 0; theta ascends."""
+    below = np.flatnonzero(theta <= (_ROUNDING_OF_NIL - 1) / shift)
+    return np.concatenate([below[::-1], np.flatnonzero(theta > 0)[::-1]])
+
+
+def _remove(W: FloatArray, Q: FloatArray) -> None:
+    """Take the part of W in the span of the orthonormal Q out of it."""
+    parts = [slice(start, start + _ROWS) for start in range(0, len(W), _ROWS)]
+    inside = sum(Q[part].T @ W[part] for part in parts)
+    for part in parts:
+        W[part] -= Q[part] @ inside
 
 
 def _orthonormal(block: FloatArray) -> tuple[FloatArray, FloatArray]:
     Q, R = scipy.linalg.qr(block, mode="economic", check_finite=False)
     return np.asarray(Q), np.asarray(R)
-
-
-def _rayleigh_ritz(A: SparseMatrix, vectors: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return the Ritz values and orthonormal Ritz vectors of A in the span of some vectors."""
-    within = vectors.T @ np.asarray(A @ vectors)
-    evals, mixing = scipy.linalg.eigh((within + within.T) / 2, vectors.T @ vectors)
-    return np.asarray(evals), np.asarray(vectors @ mixing)
 
 
 def fix_signs(evecs: FloatArray, mass: FloatArray) -> FloatArray:
