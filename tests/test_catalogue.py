@@ -157,10 +157,10 @@ CATALOGUE = {
     repeated_corner: (REFUSED, REFUSED, WORKS),
     face_twice: (REFUSED, WARNS, WORKS),
     unreferenced_vertex: (REFUSED, REFUSED, WORKS),
-    face_without_area: (REFUSED, WORKS, LEFT_OUT),
+    face_without_area: (REFUSED, WORKS, WORKS),
     seam: (REFUSED, REFUSED, WORKS),
     two_bodies: (REFUSED, REFUSED, WORKS),
-    fin: (REFUSED, WARNS, LEFT_OUT),
+    fin: (REFUSED, WARNS, WORKS),
     touching_point: (WORKS, WORKS, WORKS),
     hole: (WORKS, WORKS, WORKS),
     inconsistent_winding: (WORKS, WORKS, WORKS),
@@ -174,7 +174,10 @@ CATALOGUE = {
     nothing: (REFUSED, REFUSED, LEFT_OUT),
 }
 # A reference that would be renumbered is refused.
-RENUMBERED = (nan_vertex, infinite_vertex, unreferenced_vertex, seam, two_bodies)
+RENUMBERED = (
+    *(nan_vertex, infinite_vertex, unreferenced_vertex),
+    *(seam, two_bodies, face_without_area, fin),
+)
 POSITIONS = {"reference": 0, "training": 2, "new": 5}
 # New shapes are matched from the fifth on, so that the broken one is the second of them.
 CALLED = {"reference": "shape 0", "training": "shape 2", "new": "shape 1"}
@@ -364,11 +367,12 @@ def test_the_report_agrees_with_what_happens(collection, fault):
     mesh = _broken(collection, fault, 2)
     report = check_mesh(mesh)
     for laplacian, expected in zip(("cotangent", "robust"), CATALOGUE[fault], strict=False):
-        assert report.usable(laplacian) == (expected != REFUSED), str(report)
+        assert report.usable(laplacian, "raise") == (expected != REFUSED), str(report)
+    assert report.usable() == (CATALOGUE[fault][2] != LEFT_OUT), str(report)
     if fault not in (tiny, huge, touching_point):
         assert report.faults
-    if CATALOGUE[fault][2] == LEFT_OUT and fault not in (face_without_area, fin, beyond_numbers):
-        with pytest.raises(MeshError, match="Nothing is left"):
+    if CATALOGUE[fault][2] == LEFT_OUT:
+        with pytest.raises(MeshError, match=r"Nothing is left|too extreme"):
             repair_mesh(mesh)
         return
     before = [np.array(part) for part in mesh]
@@ -449,6 +453,7 @@ def test_faults_that_only_a_check_sees():
     strip = np.array([[np.cos(t), np.sin(t), z] for t in (0, 2.1, 4.2) for z in (0.0, 0.4)])
     assert "cannot be wound consistently" in str(check_mesh((strip, np.array(ring))))
     assert "unreadable" in str(check_mesh("no/such/file.off"))
+    assert "nothing is left" in str(check_mesh((vertices, [[0, 1, 7], [0, 0, 1]])))
     assert check_mesh(Mesh(vertices, tetrahedron)).faults == ()
 
 
@@ -463,7 +468,8 @@ def test_faults_that_only_a_check_sees():
     ],
 )
 def test_what_is_no_mesh_is_said_to_be_none(wrong, message):
-    assert not check_mesh(wrong).usable("robust")
+    assert not check_mesh(wrong).usable()
+    assert not check_mesh(wrong).usable("robust", "raise")
     with pytest.raises((MeshError, OSError), match=message):
         repair_mesh(wrong)
 
