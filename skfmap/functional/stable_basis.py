@@ -47,7 +47,7 @@ def missed_by_maps(
 ) -> FloatArray:
     """Return how far learned maps miss each point of S_0, per training shape.
 
-    Shape (n_vertices_0,). Root of the sum over Y of squared (singular value times function): the length of what maps add
-    to the row of a point in the embedding.
+    Shape (n_vertices_0,). Root of the sum over Y of squared (singular value times function): the
+    length of what maps add to the row of a point in the embedding.
     """
     return np.asarray(np.linalg.norm(evecs_0 @ (Y * stability), axis=1) / np.sqrt(total_share))
