@@ -107,10 +107,9 @@ def main():
     print(f"fit on five creatures of 5,000 vertices: {time.perf_counter() - started:.1f} s")
     stored = model, creatures.meshes[0], creatures.correspondences[0]
     names = ("read", "basis", "probes", "match", "all", "GiB", "error", "by hand")
-    print(
-        f"{'vertices':>9}"
-        + "".join(f"{n:>{w}}" for n, w in zip(names, [8] * 6 + [9] * 2, strict=True))
-    )
+    widths = [8] * 6 + [9] * 2
+    heads = [f"{name:>{width}}" for name, width in zip(names, widths, strict=True)]
+    print(f"{'vertices':>9}" + "".join(heads))
     context = multiprocessing.get_context("spawn")
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / "model.pickle"
