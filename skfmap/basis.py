@@ -167,6 +167,7 @@ class SpectralBasis(Versioned, StatelessShapeTransformer, BaseEstimator):
             ),
             n_jobs=self.n_jobs,
             verbose=self.verbose,
+            prefer="threads",
         )
         shapes = [shape for shape, _ in made]
         warn_of_repairs(made)
