@@ -202,6 +202,7 @@ class SpectralBasis(Versioned, StatelessShapeTransformer, BaseEstimator):
             ((item, i, how) for i, item in enumerate(items)),
             n_jobs=self.n_jobs,
             verbose=self.verbose,
+            prefer="threads",
         )
         shapes = [_found_at(shape, item) for (shape, _), item in zip(made, items, strict=True)]
         warn_of_repairs([(shape, ", ".join(told)) for shape, told in made])
