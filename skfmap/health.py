@@ -44,9 +44,8 @@ __all__ = ["WOUND", "Fault", "MeshReport", "Repair", "check_mesh", "repair_mesh"
 _FAR = 1e6
 # Spacing of numbers in single precision, as a share of their size.
 _SINGLE = float(np.finfo(np.float32).eps)
-# Share of the vertices that lie where another does, and spacing as a share of the mean edge, from
-# which single precision has merged vertices: an edge of four steps can be told from none.
-_MERGED, _STEP_OF_EDGE = 0.05, 0.25
+# Spacing of numbers as a share of the mean edge from which vertices have run into each other.
+_STEP_OF_EDGE = 0.25
 # Share of the vertices that a repair may remove before it asks whether the mesh is whole; a guess.
 _MANY_REMOVED = 0.2
 
@@ -330,7 +329,8 @@ def _hopeless(points: FloatArray, faces: IntArray) -> list[Fault]:
     """Return what no mending helps against."""
     with np.errstate(all="ignore"):
         area, longest = area_and_longest_edge(points, faces)
-        return _faults_of_scale(area.sum()) or _faults_of_precision(points, longest.mean() ** 0.5)
+        total, edge = float(area.sum()), float(longest.mean() ** 0.5)
+        return _faults_of_precision(points, total, edge) or _faults_of_scale(total)
 
 
 def _faults_of_scale(area: float) -> list[Fault]:
@@ -340,16 +340,22 @@ def _faults_of_scale(area: float) -> list[Fault]:
     return [_fatal("extreme scale", meaning)]
 
 
-def _faults_of_precision(points: FloatArray, edge: float) -> list[Fault]:
-    """Find vertices that lie on each other since numbers in single precision are too far apart."""
-    step = _SINGLE * float(np.abs(points).max())
-    if step < _STEP_OF_EDGE * edge:
+def _faults_of_precision(points: FloatArray, area: float, edge: float) -> list[Fault]:
+    """Find coordinates that lie on a grid, as numbers in single precision are as far apart."""
+    size = np.abs(points).max(axis=0)
+    step = _SINGLE * size / 2
+    values = [np.unique(points[:, axis]) for axis in range(3)]
+    far = [
+        axis
+        for axis in np.flatnonzero((step >= _STEP_OF_EDGE * edge) & (edge > 0))
+        if (np.diff(values[axis]) >= step[axis] / 2).all() and (len(values[axis]) > 1 or area == 0)
+    ]
+    if not far:
         return []
-    if len(duplicate_vertices(points)) < _MERGED * len(points):
-        return []
+    axis = max(far, key=lambda one: float(step[one]))
     meaning = (
         "the mesh lies so far from the origin that single precision has merged its vertices "
-        f"(numbers near {np.abs(points).max():.2g} are {step:.1g} apart, edges are {edge:.1g} "
+        f"(numbers near {size[axis]:.2g} are {step[axis]:.1g} or more apart, edges are {edge:.1g} "
         "long): subtract an offset before saving."
     )
     return [_fatal("coordinates without digits", meaning)]

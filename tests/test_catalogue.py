@@ -530,6 +530,7 @@ def test_faults_that_only_a_check_sees():
     strip = np.array([[np.cos(t), np.sin(t), z] for t in (0, 2.1, 4.2) for z in (0.0, 0.4)])
     assert "cannot be wound consistently" in str(check_mesh((strip, np.array(ring))))
     assert "unreadable" in str(check_mesh("no/such/file.off"))
+    assert "nothing is left" in str(check_mesh((vertices, [[0, 1, 7], [0, 0, 1]])))
     assert check_mesh(Mesh(vertices, tetrahedron)).faults == ()
 
 
@@ -544,7 +545,8 @@ def test_faults_that_only_a_check_sees():
     ],
 )
 def test_what_is_no_mesh_is_said_to_be_none(wrong, message):
-    assert not check_mesh(wrong).usable("robust")
+    assert not check_mesh(wrong).usable()
+    assert not check_mesh(wrong).usable("robust", "raise")
     with pytest.raises((MeshError, OSError), match=message):
         repair_mesh(wrong)
 

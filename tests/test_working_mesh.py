@@ -22,6 +22,7 @@ from skfmap._measures import GeodesicDistances, PlaceDistances
 from skfmap.datasets import make_sphere
 from skfmap.descriptors import FunctionProbes
 from skfmap.exceptions import MeshError
+from skfmap.ground_truth import join_with_reference, known_maps
 from skfmap.io import open_given, write_mesh
 from skfmap.persistence import load_model, save_model
 from skfmap.report import evaluate, write_report
@@ -307,3 +308,20 @@ def test_a_small_sound_mesh_is_its_own_working_mesh():
     assert shape.mesh is ball
     assert shape.prolongation is None
     assert shape.given is None
+
+
+def test_of_dense_pairs_those_nearest_to_working_vertices_are_learned_from(thinned, dense):
+    shape, reference = thinned[0], thinned[0]
+    everywhere = Correspondence.from_vertices(np.arange(2000))
+    joined = join_with_reference(everywhere, shape, everywhere, reference)
+    np.testing.assert_array_equal(joined.vertices_i, joined.vertices_0)
+    at = shape.spectral.working_vertices(joined.vertices_i)
+    counts = np.bincount(at, minlength=shape.spectral.mesh.n_vertices)
+    assert counts.max() == 2
+    weights = shape.spectral.prolongation_matrix.max(axis=1).toarray().ravel()
+    everyone = shape.spectral.working_vertices(np.arange(2000))
+    for vertex in np.flatnonzero(counts == 2)[:20]:
+        best = np.sort(weights[everyone == vertex])[-2:]
+        np.testing.assert_array_equal(np.sort(weights[joined.vertices_i[at == vertex]]), best)
+    (known,) = known_maps([shape], reference, [joined], 12)
+    np.testing.assert_allclose(known.C, np.eye(12), atol=1e-6)

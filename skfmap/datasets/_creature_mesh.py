@@ -134,7 +134,7 @@ def _slide(body: Body, vertices: FloatArray, faces: IntArray) -> FloatArray:
         (np.ones(len(rows)), (rows, columns)), shape=(len(vertices),) * 2
     ).tocsr()
     way = neighbours @ vertices / neighbours.sum(axis=1)[:, None] - vertices
-    normals = gradient(body, vertices, signed_distance(body, vertices))
+    _, normals = gradient(body, vertices)
     normals /= np.linalg.norm(normals, axis=1, keepdims=True)
     return np.asarray(_STEP * (way - (way * normals).sum(axis=1, keepdims=True) * normals))
 

@@ -41,17 +41,15 @@ def flip_edges(vertices: FloatArray, faces: IntArray, n_rounds: int = 4) -> IntA
     faces = faces.copy()
     for _ in range(n_rounds):
         corners, sides = _edges(faces)
-        wrong = (
-            _is_obtuse(vertices, corners)
-            & ~_is_joined(corners, len(vertices))
-            & ~_would_fold(vertices, corners)
-        )
-        chosen = _independent(corners[wrong], sides[wrong])
+        wrong = np.flatnonzero(_is_obtuse(vertices, corners))
+        wrong = wrong[~_would_fold(vertices, corners[wrong])]
+        wrong = wrong[~_is_joined(corners, wrong, len(vertices))]
+        chosen = wrong[_independent(corners[wrong], sides[wrong])]
         if not len(chosen):
             break
-        a, b, left, right = corners[wrong][chosen].T
-        faces[sides[wrong][chosen, 0]] = np.column_stack([right, left, a])
-        faces[sides[wrong][chosen, 1]] = np.column_stack([left, right, b])
+        a, b, left, right = corners[chosen].T
+        faces[sides[chosen, 0]] = np.column_stack([right, left, a])
+        faces[sides[chosen, 1]] = np.column_stack([left, right, b])
     return faces
 
 
@@ -77,10 +75,10 @@ def _angle(u: FloatArray, v: FloatArray) -> FloatArray:
     return np.arctan2(np.linalg.norm(np.cross(u, v), axis=1), (u * v).sum(axis=1))
 
 
-def _is_joined(corners: IntArray, n_vertices: int) -> BoolArray:
-    """Return whether the vertices that face an edge have an edge of their own already."""
+def _is_joined(corners: IntArray, chosen: IntArray, n_vertices: int) -> BoolArray:
+    """Return whether the vertices that face each chosen edge have an edge of their own already."""
     present = corners[:, 0] * n_vertices + corners[:, 1]
-    ends = np.sort(corners[:, 2:], axis=1)
+    ends = np.sort(corners[chosen, 2:], axis=1)
     return np.isin(ends[:, 0] * n_vertices + ends[:, 1], present)
 
 

@@ -15,6 +15,7 @@ __all__ = [
     "boundary_pieces",
     "boundary_vertices",
     "components",
+    "corner_links",
     "count_components",
     "degenerate_faces",
     "duplicate_faces",
@@ -163,9 +164,10 @@ def first_at_place(vertices: FloatArray) -> IntArray:
     """Return for each vertex the first one with the same coordinates: mostly itself."""
     first = np.arange(len(vertices))
     by_x = np.argsort(vertices[:, 0], kind="stable")
-    same = np.diff(vertices[by_x, 0]) == 0
+    x = vertices[by_x, 0]
+    same = np.flatnonzero(x[1:] == x[:-1])
     # Only those that share x with another are compared any further.
-    shared = np.sort(by_x[np.union1d(np.flatnonzero(same), np.flatnonzero(same) + 1)])
+    shared = np.sort(by_x[np.union1d(same, same + 1)])
     order = shared[np.lexsort(vertices[shared].T)]
     new = np.ones(len(order), dtype=bool)
     new[1:] = (vertices[order][1:] != vertices[order][:-1]).any(axis=1)
@@ -248,7 +250,8 @@ def nonmanifold_vertices(faces: IntArray, n_vertices: int) -> IntArray:
     same = np.ones(len(edges.order), dtype=bool)
     same[edges.first] = False
     later = np.flatnonzero(same)
-    corners, fan = label_fans(edges, edges.order[later - 1], edges.order[later], suspects)
+    pairs = np.stack([edges.order[later - 1], edges.order[later]])
+    corners, fan = label_fans(edges, pairs, np.equal(*edges.start[pairs]), suspects)
     vertex, counts = np.unique(edges.start[corners[_first_of_each(fan)]], return_counts=True)
     return vertex[counts > 1]
 
@@ -285,7 +288,7 @@ def vertices_of_many_fans(edges: HalfEdges, n_vertices: int) -> BoolArray:
 
 
 def label_fans(
-    edges: HalfEdges, one: IntArray, other: IntArray, at: BoolArray, place: IntArray | None = None
+    edges: HalfEdges, pairs: IntArray, parallel: BoolArray, at: BoolArray
 ) -> tuple[IntArray, IntArray]:
     """Say which corners are joined by pairs of half-edges that are glued to each other.
 
@@ -293,12 +296,12 @@ def label_fans(
     ----------
     edges : HalfEdges
         The half-edges.
-    one, other : ndarray of int, shape (n_pairs,)
+    pairs : ndarray of int, shape (2, n_pairs)
         Half-edges that are glued.
+    parallel : ndarray of bool, shape (n_pairs,)
+        Whether they start at the same place; otherwise each starts where the other ends.
     at : ndarray of bool, shape (n_vertices,)
         The vertices of interest.
-    place : ndarray of int, shape (n_vertices,), optional
-        Vertices with one number lie at one place; by default each has its own.
 
     Returns
     -------
@@ -307,28 +310,49 @@ def label_fans(
     fan : ndarray of int, shape (n_corners,)
         Number of the fan of each.
     """
-    start = edges.start if place is None else place[edges.start]
-    corners = np.flatnonzero(at[edges.start])
-    number = np.full(len(start), -1)
-    number[corners] = np.arange(len(corners))
-    near = at[edges.start[one]] | at[edges.end[one]] | at[edges.start[other]] | at[edges.end[other]]
-    one, other = one[near], other[near]
-    alike = start[one] == start[other]
-    after_one, after_other = (half - half % 3 + (half + 1) % 3 for half in (one, other))
-    links = np.concatenate(
-        [
-            np.stack([one, np.where(alike, other, after_other)]),
-            np.stack([after_one, np.where(alike, after_other, other)]),
-        ],
-        axis=1,
-    )
-    links = number[links]
-    links = links[:, (links >= 0).all(axis=0)]
+    corners, links, _ = corner_links(edges, pairs, parallel, at)
     n = len(corners)
     _, fan = sp.csgraph.connected_components(
         sp.coo_array((np.ones(links.shape[1]), links), shape=(n, n)), directed=False
     )
     return corners, np.asarray(fan, dtype=np.int64)
+
+
+def corner_links(
+    edges: HalfEdges, pairs: IntArray, parallel: BoolArray, at: BoolArray
+) -> tuple[IntArray, IntArray, IntArray]:
+    """Say which corners meet at the two ends of pairs of half-edges that are glued to each other.
+
+    Parameters
+    ----------
+    edges, pairs, parallel, at
+        As `label_fans` takes them.
+
+    Returns
+    -------
+    corners : ndarray of int, shape (n_corners,)
+        The corners at these vertices.
+    links : ndarray of int, shape (2, n_links)
+        Places in ``corners`` of those that meet.
+    pair : ndarray of int, shape (n_links,)
+        The pair where they do.
+    """
+    corners = np.flatnonzero(at[edges.start])
+    number = np.full(len(edges.start), -1)
+    number[corners] = np.arange(len(corners))
+    near = np.flatnonzero((at[edges.start[pairs]] | at[edges.end[pairs]]).any(axis=0))
+    (one, other), parallel = pairs[:, near], parallel[near]
+    after_one, after_other = (half - half % 3 + (half + 1) % 3 for half in (one, other))
+    links = np.concatenate(
+        [
+            np.stack([one, np.where(parallel, other, after_other)]),
+            np.stack([after_one, np.where(parallel, after_other, other)]),
+        ],
+        axis=1,
+    )
+    links, pair = number[links], np.concatenate([near, near])
+    known = (links >= 0).all(axis=0)
+    return corners, links[:, known], pair[known]
 
 
 def components(faces: IntArray, n_vertices: int) -> IntArray:

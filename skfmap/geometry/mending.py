@@ -5,14 +5,16 @@ from typing import NamedTuple
 
 import igl
 import numpy as np
+import scipy.sparse as sp
 from scipy.spatial import cKDTree
 
 from skfmap._tools.ties import first_of_largest
-from skfmap._tools.types import BoolArray, FloatArray, IntArray
+from skfmap._tools.types import Array, BoolArray, FloatArray, IntArray
 from skfmap.geometry.faults import (
     HalfEdges,
     area_and_longest_edge,
     components,
+    corner_links,
     degenerate_faces,
     duplicate_faces,
     first_at_place,
@@ -37,8 +39,11 @@ _NEEDLE = 1e-6
 _FOLDED = np.cos(np.radians(0.5))
 # Of so many faces at one edge, no pair is looked for among more.
 _CROWD = 32
-# Faces with this share of the area, at most, are left out to have the rest wound consistently.
+# Faces with this share of the area, at most, are left out to have the rest wound consistently, and
+# a patch with a rim that has no more is a fin.
 _FEW = 0.01
+# Conflicts that touch more vertices than this are no spot.
+_MOST_ENDS = 2000
 # Each step can leave work for an earlier one, but hardly ever more than two or three times.
 _ROUNDS = 20
 
@@ -189,12 +194,13 @@ def _drop_twice(surface: _Surface, edges: HalfEdges, tally: dict[str, float]) ->
         return surface
     few = faces[suspects]
     a, b, c = few.T
-    odd = (a > b) ^ (b > c) ^ (c > a)  # the same for all that turn the same way round
+    odd = np.asarray((a > b) ^ (b > c) ^ (c > a))  # the same for all that turn the same way round
     kept = np.ones(len(faces), dtype=bool)
     for winding in (odd, ~odd):
         one = suspects[winding]
         kept[one[duplicate_faces(faces[one])]] = False
-    kept[suspects[duplicate_faces(few)]] &= crowded[suspects[duplicate_faces(few)]]
+    later = suspects[duplicate_faces(few)]
+    kept[np.setdiff1d(later, np.flatnonzero(crowded))] = False
     _count(tally, "faces twice", int((~kept).sum()))
     return surface if kept.all() else surface.only(kept)
 
@@ -270,12 +276,13 @@ def _glue(surface: _Surface, edges: HalfEdges, tally: dict[str, float]) -> _Surf
     n = len(surface.vertices)
     touched = vertices_of_many_fans(edges, n)
     rim = edges.alone()
-    glued = [edges.pairs]
+    glued, parallel = [edges.pairs], [np.equal(*edges.start[edges.pairs])]
     if (edges.count > 2).any():
         tally.setdefault("crowded edges", int((edges.count > 2).sum()))
         half, group = _crowded(edges)
         touched[edges.start[half]] = touched[edges.end[half]] = True
         glued.append(pairs := _best_pairs(surface, edges, half, group, np.arange(n)))
+        parallel.append(np.equal(*edges.start[pairs]))
         rim = np.concatenate([rim, np.setdiff1d(half, pairs)])
     place = np.arange(n)
     n_seam = 0
@@ -286,12 +293,14 @@ def _glue(surface: _Surface, edges: HalfEdges, tally: dict[str, float]) -> _Surf
         if len(half) == 0:
             continue
         glued.append(pairs := _best_pairs(surface, edges, half, group, place, at_seam=True))
+        parallel.append(np.equal(*place[edges.start[pairs]]))
         touched[edges.start[pairs]] = touched[edges.end[pairs]] = True
         rim = np.setdiff1d(rim, pairs)
         n_seam += pairs.shape[1]
     if not touched.any():
         return surface
-    corners, fan = label_fans(edges, *np.concatenate(glued, axis=1), touched, place)
+    pairs, together = np.concatenate(glued, axis=1), np.concatenate(parallel)
+    corners, fan = label_fans(edges, pairs, together, touched)
     return _number_anew(surface, edges, corners, fan, n_seam, tally)
 
 
@@ -301,10 +310,19 @@ def _crowded(edges: HalfEdges) -> tuple[IntArray, IntArray]:
     return edges.order[crowded], np.repeat(np.arange(len(edges.count)), edges.count)[crowded]
 
 
-def _patches(edges: HalfEdges) -> IntArray:
-    """Return the number of the patch of each face: what hangs together across edges with two."""
+def _patches(surface: _Surface, edges: HalfEdges) -> tuple[IntArray, BoolArray]:
+    """Return the number of the patch of each face, and whether that is a fin.
+
+    A patch is what hangs together across edges with two faces; a fin, one with a rim that is a
+    small part of the whole.
+    """
     one, other = edges.pairs // 3
-    return components(np.stack([one, other, other], axis=1), len(edges.start) // 3)
+    patch = components(np.stack([one, other, other], axis=1), len(edges.start) // 3)
+    area = surface.areas()
+    small = np.bincount(patch, area) <= _FEW * area.sum()
+    with_rim = np.zeros(len(small), dtype=bool)
+    with_rim[patch[edges.alone() // 3]] = True
+    return patch, (small & with_rim)[patch]
 
 
 def _one_place(
@@ -353,7 +371,7 @@ def _best_pairs(
     """Choose at each edge the pairs of faces that continue each other best.
 
     Faces of one patch that are wound against each other are no pair; but at a seam of two faces
-    each may be wound as it likes.
+    each may be wound as it likes. Fins come last.
 
     Parameters
     ----------
@@ -372,7 +390,7 @@ def _best_pairs(
         The half-edges of each pair; the best of all edges come first.
     """
     start, end = place[edges.start[half]], place[edges.end[half]]
-    patch = _patches(edges)
+    patch, fin = _patches(surface, edges)
     low, high = surface.vertices[np.minimum(start, end)], surface.vertices[np.maximum(start, end)]
     tip = surface.vertices[edges.end[half - half % 3 + (half + 1) % 3]]
     along, into = _unit(high - low), tip - low
@@ -392,8 +410,9 @@ def _best_pairs(
     fits |= at_seam & (size[one] == 2)
     fits &= (bend < _FOLDED) & (half[one] // 3 != half[other] // 3)
     one, other, bend, alike = one[fits], other[fits], bend[fits], alike[fits]
+    fins = fin[half[one] // 3].astype(int) + fin[half[other] // 3]
     # What is equal up to rounding is taken in the order of the faces.
-    order = np.lexsort((other, one, np.round(bend, 9), ~alike, group[one]))
+    order = np.lexsort((other, one, np.round(bend, 9), fins, ~alike, group[one]))
     one, other = one[order], other[order]
     taken = np.zeros(len(half), dtype=bool)
     chosen = []
@@ -404,6 +423,11 @@ def _best_pairs(
         free = ~(taken[one] | taken[other])
         one, other = one[free], other[free]
     return half[np.concatenate([np.empty((2, 0), dtype=np.int64), *chosen], axis=1)]
+
+
+def _rounded(areas: Array) -> Array:
+    """Round areas, so that those that are equal up to rounding keep their order."""
+    return np.round(areas / (areas.max() or 1), 9)
 
 
 def _unit(vectors: FloatArray) -> FloatArray:
@@ -424,8 +448,7 @@ def _number_anew(
     vertex = np.full(n_fans, n)
     np.minimum.at(vertex, fan, edges.start[corners])
     area = np.bincount(fan, surface.areas()[corners // 3], minlength=n_fans)
-    area = np.round(area / (area.max() or 1), 9)  # what is equal up to rounding keeps its order
-    order = np.lexsort((np.arange(n_fans), -area, vertex))
+    order = np.lexsort((np.arange(n_fans), -_rounded(area), vertex))
     copy = np.zeros(n_fans, dtype=bool)
     copy[order[1:]] = vertex[order][1:] == vertex[order][:-1]
     copies = order[copy[order]]
@@ -464,9 +487,10 @@ def _part_beyond_two(surface: _Surface, edges: HalfEdges, tally: dict[str, float
     keeps: set[int] = set()  # edges that a sheet has, the best one
     done: set[int] = set()
     vertices, faces, origin = surface.vertices, surface.faces.copy(), surface.origin.copy()
-    new_faces, new_origin = [], []
-    n = len(surface.vertices)
-    middles = []
+    n = len(vertices)
+    new_faces: list[IntArray] = []
+    new_origin: list[IntArray] = []
+    middles: list[FloatArray] = []
     for sheet in sheets:
         edge = int(group_of[sheet[0]])
         if edge not in keeps:
@@ -498,17 +522,17 @@ def _untwist(surface: _Surface, edges: HalfEdges, tally: dict[str, float]) -> _S
     if not twisted.any():
         return _wind(surface, edges, tally) if turned.any() else surface
     area = surface.areas()
-    half = edges.pairs[:, twisted[edges.pairs[0] // 3]]
-    pairs = half // 3
-    against = np.equal(*edges.start[half])
-    as_found = np.asarray(igl.bfs_orient(surface.faces)[0])
-    swept = (as_found != surface.faces).any(axis=1)
+    pairs = edges.pairs // 3
+    against = np.equal(*edges.start[edges.pairs]) & twisted[pairs[0]]
+    swept = (igl.bfs_orient(surface.faces)[0] != surface.faces).any(axis=1) & twisted
     few: IntArray | None = None
     for turned in (np.zeros(len(twisted), dtype=bool), swept):
-        left = _fewest_conflicts(pairs, against, turned.copy())
-        dropped = _cover(pairs[:, left], area, int(_FEW * twisted.sum()) + 1)
-        if dropped is not None and (few is None or area[dropped].sum() < area[few].sum()):
-            few = dropped
+        conflict = _fewest_conflicts(pairs, against, turned.copy())
+        most = int(_FEW * twisted.sum()) + 1
+        for curve in (conflict, _shortest_twisted_way(edges, conflict)):
+            dropped = _cover(pairs[:, curve], area, most)
+            if dropped is not None and (few is None or area[dropped].sum() < area[few].sum()):
+                few = dropped
     if few is None or area[few].sum() > _FEW * area[twisted].sum():
         return surface
     _count(tally, "twisted faces", len(few))
@@ -516,6 +540,73 @@ def _untwist(surface: _Surface, edges: HalfEdges, tally: dict[str, float]) -> _S
     kept = np.ones(len(area), dtype=bool)
     kept[few] = False
     return surface.only(kept)
+
+
+def _shortest_twisted_way(edges: HalfEdges, conflict: BoolArray) -> IntArray:
+    """Find a short closed way along edges, after which left and right have changed places.
+
+    Parameters
+    ----------
+    edges : HalfEdges
+        The half-edges.
+    conflict : ndarray of bool, shape (n_pairs,)
+        Which pairs of faces are wound against each other. They lie along curves; a way that changes
+        sides meets one of these.
+
+    Returns
+    -------
+    way : ndarray of int
+        The pairs of faces to both sides of it; those that are in conflict, if they are fewer.
+    """
+    n = int(edges.start.max()) + 1
+    ends = np.unique(np.stack([edges.start, edges.end])[:, edges.pairs[0, conflict]])
+    if len(ends) > _MOST_ENDS:
+        return np.flatnonzero(conflict)
+    at = np.zeros(n, dtype=bool)
+    at[ends] = True
+    mirrored = _mirrored_corners(edges, conflict, at)
+    corner = np.arange(len(edges.start))
+    changed = mirrored ^ mirrored[corner - corner % 3 + (corner + 1) % 3]
+    # Each vertex stands there twice, v and v + n, once for each side of the surface.
+    rows = np.concatenate([edges.start, edges.start + n])
+    columns = np.concatenate([edges.end + n * changed, edges.end + n * ~changed])
+    graph = sp.csr_array((np.ones(len(rows)), (rows, columns)), shape=(2 * n, 2 * n))
+    shortest, start = int(conflict.sum()), -1
+    for vertex in ends:
+        length = sp.csgraph.dijkstra(
+            graph, directed=False, indices=np.array([vertex]), unweighted=True, limit=shortest - 1
+        )[0, vertex + n]
+        if length < shortest:
+            shortest, start = int(length), int(vertex)
+    if start < 0:
+        return np.flatnonzero(conflict)
+    _, before = sp.csgraph.dijkstra(
+        graph, directed=False, indices=np.array([start]), return_predecessors=True, unweighted=True
+    )
+    way = [start + n]
+    while way[-1] != start:
+        way.append(int(before[0, way[-1]]))
+    vertices = np.array(way) % n
+    keys = np.minimum(vertices[1:], vertices[:-1]) * n + np.maximum(vertices[1:], vertices[:-1])
+    low, high = np.sort(np.stack([edges.start, edges.end])[:, edges.pairs[0]], axis=0)
+    return np.flatnonzero(np.isin(low * n + high, keys))
+
+
+def _mirrored_corners(edges: HalfEdges, conflict: BoolArray, at: BoolArray) -> BoolArray:
+    """Return which corners are wound against the first one of their vertex, to go by neighbours."""
+    parallel = np.equal(*edges.start[edges.pairs])
+    corners, (a, b), pair = corner_links(edges, edges.pairs, parallel, at)
+    against = conflict[pair]
+    n = len(corners)
+    rows = np.concatenate([a, a + n])
+    columns = np.concatenate([b + n * against, b + n * ~against])
+    _, sheet = sp.csgraph.connected_components(
+        sp.coo_array((np.ones(len(rows)), (rows, columns)), shape=(2 * n, 2 * n)), directed=False
+    )
+    _, first, vertex = np.unique(edges.start[corners], return_index=True, return_inverse=True)
+    mirrored = np.zeros(len(edges.start), dtype=bool)
+    mirrored[corners] = sheet[:n] != sheet[first[vertex.ravel()]]
+    return mirrored
 
 
 def _fewest_conflicts(pairs: IntArray, against: BoolArray, turned: BoolArray) -> BoolArray:
@@ -583,8 +674,7 @@ def _found_at(surface: _Surface, n_given: int) -> IntArray:
         np.stack([origin[corner], vertex[corner]], axis=1), axis=0, return_inverse=True
     )
     area = np.bincount(pair.ravel(), surface.areas()[corner // 3])
-    area = np.round(area / (area.max() or 1), 9)
-    order = np.lexsort((-keys[:, 1], area, keys[:, 0]))  # the last wins
+    order = np.lexsort((-keys[:, 1], _rounded(area), keys[:, 0]))  # the last wins
     found[keys[order, 0]] = keys[order, 1]
     return found
 

@@ -229,7 +229,7 @@ class Surface:
 
         def look(rings: sp.csr_array, rows: IntArray, asked: IntArray) -> IntArray:
             """Look in rows of faces, and return which points may be nearer to others."""
-            self._prepare(rings[np.unique(rows)].indices)
+            self._prepare(rings[np.unique(rows)].indices.astype(np.int64))
             further = []
             for part in _parts(np.diff(rings.indptr)[rows]):
                 which = asked[part]
