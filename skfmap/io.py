@@ -252,7 +252,7 @@ def as_mesh(item: MeshLike, index: int | None = None) -> Mesh:
         where = "" if index is None else f"X[{index}], "
         raise MeshError(
             f"{where}{label(item.name, 'shape')} was left out before: {item.reason} Leave it out "
-            "here too; SpectralBasis(on_invalid='skip'), or 'repair', passes it on."
+            "here too; SpectralBasis(on_invalid='skip') passes it on."
         )
     name = None if index is None else f"shape {index}"
     if _is_trimesh(item):

@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 import scipy.sparse as sp
+from scipy.spatial import KDTree
 
 from skfmap._tools.types import BoolArray, FloatArray, IntArray, SparseMatrix
 from skfmap._tools.validation import as_reals
@@ -151,12 +152,19 @@ class SpectralShape:
         return self.prolongation.nearest_corner(self.mesh.faces, given)
 
     def given_vertices(self) -> IntArray:
-        """Return the given vertex nearest to each working one on its faces; -1 where none is."""
+        """Return the given vertex nearest to each working one on its faces; -1 where none is.
+
+        Where mending cut a vertex in two, both have the one that was given.
+        """
         if self.prolongation is None:
             return np.arange(self.mesh.n_vertices)
         matrix = self.prolongation_matrix.tocsc()
         weights = matrix.max(axis=0).toarray().ravel()
         nearest = np.asarray(matrix.argmax(axis=0)).ravel()
+        if self.prolongation.one_each and not (weights > 0).all():
+            known, cut = np.flatnonzero(weights > 0), np.flatnonzero(weights <= 0)
+            _, beside = KDTree(self.mesh.vertices[known]).query(self.mesh.vertices[cut])
+            nearest[cut], weights[cut] = nearest[known[beside]], 1.0
         return np.where(weights > 0, nearest, -1)
 
     def prolong(self, values: FloatArray, empty: float = np.nan) -> FloatArray:
