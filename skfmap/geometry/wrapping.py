@@ -1,6 +1,0 @@
-def wants_wrapping(v, f):
-    return ""
-
-
-def wrap(*a):
-    raise NotImplementedError
