@@ -284,6 +284,9 @@ class BijectiveZoomOut(Refinement):
     BijectiveZoomOut(step=20)
     """
 
+    # Of models that were saved before there were samples.
+    n_samples: int | None = None
+
     def __init__(self, step: int = 10, final_steps: int = 2, n_samples: int | None = 2000) -> None:
         self.step = step
         self.final_steps = final_steps
