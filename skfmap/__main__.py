@@ -2,6 +2,7 @@
 
 import argparse
 import sys
+import tempfile
 import time
 import warnings
 from collections.abc import Sequence
@@ -173,17 +174,20 @@ def _run(options: argparse.Namespace) -> None:
     names = ", ".join(collection.names[i] for i in left_out)
     print(f"Leaving out one at a time: {names}. Reference: {collection.names[0]}.", flush=True)
     results: dict[str | None, _Result] = {}
-    for weighting in WEIGHTINGS:
-        results[weighting] = _cross_validate(
-            shapes, collection.correspondences, scored, left_out, weighting, options
-        )
-        print(
-            f"  weighting={weighting!r}: {np.mean(results[weighting].seconds):.1f} s of training "
-            "per fold",
-            flush=True,
-        )
-    print("\n" + _table(results) + "\n" + _summary(results))
-    _save(collection, shapes, left_out, results, options)
+    with tempfile.TemporaryDirectory() as scratch:
+        # Fits share known maps and distances.
+        memory = options.cache or Path(scratch)
+        for weighting in WEIGHTINGS:
+            results[weighting] = _cross_validate(
+                shapes, collection.correspondences, scored, left_out, weighting, options, memory
+            )
+            print(
+                f"  weighting={weighting!r}: {np.mean(results[weighting].seconds):.1f} s of "
+                "training per fold",
+                flush=True,
+            )
+        print("\n" + _table(results) + "\n" + _summary(results))
+        _save(collection, shapes, left_out, results, options, memory)
 
 
 def _collection(options: argparse.Namespace) -> Bunch:
@@ -291,12 +295,16 @@ def _cross_validate(
     left_out: list[int],
     weighting: str | None,
     options: argparse.Namespace,
+    memory: Path,
 ) -> _Result:
     result = _Result({name: [] for name in _MATCHINGS}, [], [])
     for i in left_out:
         rest = [j for j in range(len(shapes)) if j != i]
         learner = WeightedFunctionalMapLearner(
-            n_functions=options.functions, weighting=weighting, memory=options.cache
+            n_functions=options.functions,
+            weighting=weighting,
+            memory=memory,
+            n_jobs=options.jobs,
         )
         started = time.perf_counter()
         with warnings.catch_warnings():
@@ -360,6 +368,7 @@ def _save(
     left_out: list[int],
     results: dict[str | None, _Result],
     options: argparse.Namespace,
+    memory: Path,
 ) -> None:
     picture, model, report = (
         options.output / name for name in ("matches.png", "model.joblib", "report.html")
@@ -378,14 +387,16 @@ def _save(
         camera=camera,
         captions=captions,
     )
-    learner = WeightedFunctionalMapLearner(n_functions=options.functions).fit(
-        shapes, collection.correspondences
-    )
+    learner = WeightedFunctionalMapLearner(
+        n_functions=options.functions, memory=memory, n_jobs=options.jobs
+    ).fit(shapes, collection.correspondences)
     evaluation = Evaluation(
         meshes, result.matches, result.errors["soft"], results[None].errors["soft"]
     )
     write_report(learner, report, evaluation=evaluation, camera=camera)
-    basis, probes = (step.set_params(memory=None, n_jobs=None) for step in _transformers(options))
+    basis, probes, learner = (
+        step.set_params(memory=None, n_jobs=None) for step in (*_transformers(options), learner)
+    )
     basis.set_params(n_components=shapes[0].spectral.n_components)
     joblib.dump(make_pipeline(basis, probes, learner), model)
     print(f"\nReport, to open in a browser: {report}")

@@ -48,6 +48,10 @@ __all__ = [
 
 ERROR_KINDS = ("direct", "consistent", "per_vertex")
 
+# Distances that are computed in less time (2 s by the heat method) than other processes take to
+# start.
+_FEW = 5_000_000
+
 
 class GeodesicDistances:
     """Distances on one mesh, each row computed once, when it is first asked for.
@@ -162,7 +166,9 @@ class GeodesicDistances:
         arguments = (
             (compute, self.mesh, self.mesh.content_hash, self.method, block) for block in blocks
         )
-        return np.concatenate(map_shapes(_call, arguments, n_jobs=self.n_jobs, verbose=0))
+        few = self.method != "exact" and len(sources) * self.mesh.n_vertices < _FEW
+        n_jobs = None if few else self.n_jobs
+        return np.concatenate(map_shapes(_call, arguments, n_jobs=n_jobs, verbose=0))
 
 
 class PlaceDistances(GeodesicDistances):

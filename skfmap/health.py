@@ -11,8 +11,6 @@ from skfmap._tools.validation import (
     LARGEST_AREA,
     LARGEST_COORDINATE,
     SMALLEST_AREA,
-    as_array,
-    as_reals,
     is_finite,
     label,
 )
@@ -34,7 +32,7 @@ from skfmap.geometry.faults import (
 )
 from skfmap.geometry.mending import mend
 from skfmap.geometry.orientation import orient_faces, signed_volume
-from skfmap.io import MeshLike, read_arrays
+from skfmap.io import MeshLike, as_arrays
 from skfmap.shapes import Mesh
 
 __all__ = ["WOUND", "Fault", "MeshReport", "Repair", "check_mesh", "repair_arrays", "repair_mesh"]
@@ -181,26 +179,9 @@ def check_mesh(mesh: MeshLike) -> MeshReport:
 
 def _raw(mesh: MeshLike) -> tuple[FloatArray, IntArray, str | None]:
     """Return vertices, faces and name, not checked."""
-    name = getattr(mesh, "name", None)
-    if isinstance(mesh, (str, Path)):
-        name, mesh = Path(mesh).stem, read_arrays(mesh)
-    if isinstance(mesh, (tuple, list)) and len(mesh) == 2:
-        given = mesh[0], mesh[1]
-    else:
-        given = getattr(mesh, "vertices", None), getattr(mesh, "faces", None)
-    vertices = as_reals(given[0], f"The vertices of {label(name)}", MeshError)
-    faces = as_array(given[1], f"The faces of {label(name)}", MeshError)
-    vertices, faces = (
-        array.reshape(0, 3) if array.size == 0 else array for array in (vertices, faces)
-    )
-    if vertices.ndim != 2 or vertices.shape[1] != 3 or faces.ndim != 2 or faces.shape[1] != 3:
-        raise MeshError(
-            f"{label(name)} must have vertices of shape (n, 3) and triangles of shape (m, 3); got "
-            f"{vertices.shape} and {faces.shape}. Triangulate it first."
-        )
-    if faces.size and not np.issubdtype(faces.dtype, np.integer):
-        raise MeshError(f"The faces of {label(name)} must be integers; got dtype {faces.dtype}.")
-    return vertices, faces.astype(np.int64), name if isinstance(name, str) else None
+    name = Path(mesh).stem if isinstance(mesh, (str, Path)) else getattr(mesh, "name", None)
+    given = as_arrays(mesh)
+    return *((given.vertices, given.faces) if isinstance(given, Mesh) else given), name
 
 
 _ALL = ("cotangent", "robust")

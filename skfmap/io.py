@@ -279,7 +279,7 @@ def as_arrays(item: MeshLike, index: int | None = None) -> Mesh | tuple[FloatArr
     """
     if isinstance(item, (Mesh, SkippedShape)):
         return as_mesh(item, index)
-    who = label(named(item, 0 if index is None else index))
+    who = label(None if index is None else named(item, index))
     if isinstance(item, (str, Path)):
         vertices, faces = read_arrays(item)
     elif _is_trimesh(item):

@@ -28,8 +28,8 @@ __all__ = ["WorkingMesh", "check_sound", "working_mesh"]
 
 # Share of the area whose wall is thinner than an edge of the working mesh, beyond which it is told.
 _THIN_WALLS = 0.1
-# How far, in sqrt(area), thinning may move the surface anywhere without a word: three edges of 5,000
-# vertices.
+# How far, in sqrt(area), thinning may move the surface anywhere without a word: three edges of
+# 5,000 vertices.
 _FAR_OFF = 0.05
 # Closing radii within which a vertex counts as lying on the shell.
 _REACH = 2.0

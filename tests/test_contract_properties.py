@@ -10,6 +10,7 @@ import pytest
 from hypothesis import HealthCheck, assume, given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose, assert_array_equal
+from skfmap.shapes.given_vertices import expand, given_numbers
 from sklearn.base import clone
 
 import skfmap
@@ -33,7 +34,6 @@ from skfmap.metrics import (
     reference_distances,
 )
 from skfmap.shapes import SkippedShape
-from skfmap.shapes.given_vertices import expand, given_numbers
 from skfmap.shapes.usable import pick_usable, put_back
 
 # The same cases in every run; SKFMAP_EXAMPLES=20 for twenty times as many, others each time.

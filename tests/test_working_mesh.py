@@ -1,4 +1,4 @@
-"""Any mesh in, answers on that mesh out: what is given, what is computed on, and what lies between."""
+"""Any mesh in, answers on that mesh out: given meshes, working meshes, and what lies between."""
 
 import pickle
 from dataclasses import replace

@@ -126,6 +126,7 @@ class DescriptorTransformer(Versioned, StatelessShapeTransformer, _BaseCompositi
             ((shape, [family for _, family in families], self.memory) for shape in given.shapes),
             n_jobs=self.n_jobs,
             verbose=self.verbose,
+            prefer="threads",
         )
         probed = [
             array

@@ -45,9 +45,9 @@ def basis_error(X: FloatArray, C: FloatArray, Y: FloatArray) -> FloatArray:
 def missed_by_maps(
     evecs_0: FloatArray, Y: FloatArray, stability: FloatArray, total_share: float
 ) -> FloatArray:
-    """Return how far learned maps miss each point of S_0, per training shape, shape (n_vertices_0,).
+    """Return how far learned maps miss each point of S_0, per training shape.
 
-    Root of the sum over Y of squared (singular value times function): the length of what maps add
-    to the row of a point in the embedding.
+    Shape (n_vertices_0,). Root of the sum over Y of squared (singular value times function): the
+    length of what maps add to the row of a point in the embedding.
     """
     return np.asarray(np.linalg.norm(evecs_0 @ (Y * stability), axis=1) / np.sqrt(total_share))

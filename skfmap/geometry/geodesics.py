@@ -130,12 +130,14 @@ def farthest_vertices(
     distances : ndarray of shape (n, n_vertices)
         Lengths of shortest paths along edges from each of them.
     """
+    # With each edge in both directions, so that it need not be turned for every search.
     graph = edge_graph(vertices, faces)
+    graph = graph + graph.T
     chosen = [int(candidates[0])]
-    distances = [dijkstra(graph, directed=False, indices=chosen)[0]]
+    distances = [dijkstra(graph, indices=chosen)[0]]
     nearest = distances[0][candidates]
     while len(chosen) < min(n_chosen, len(candidates)):
         chosen.append(int(candidates[first_of_largest(nearest)]))
-        distances.append(dijkstra(graph, directed=False, indices=chosen[-1:])[0])
+        distances.append(dijkstra(graph, indices=chosen[-1:])[0])
         nearest = np.minimum(nearest, distances[-1][candidates])
     return np.array(chosen, dtype=np.int64), np.stack(distances)

@@ -1,6 +1,7 @@
 """Products of gradients that tell left from right."""
 
 import numpy as np
+import scipy.sparse as sp
 
 from skfmap._tools.types import FloatArray, IntArray
 
@@ -29,7 +30,6 @@ def integrated_oriented_products(f: FloatArray, g: FloatArray, faces: IntArray) 
     f0, f1, f2 = (f[faces[:, j]] for j in range(3))
     g0, g1, g2 = (g[faces[:, j]] for j in range(3))
     per_corner = ((f1 - f0) * (g2 - g0) - (f2 - f0) * (g1 - g0)) / 6
-    out = np.zeros_like(f)
-    for j in range(3):
-        np.add.at(out, faces[:, j], per_corner)
-    return out
+    corners = (faces.T.ravel(), np.tile(np.arange(len(faces)), 3))
+    at_vertices = sp.coo_array((np.ones(faces.size), corners), shape=(len(f), len(faces)))
+    return np.asarray(at_vertices.tocsr() @ per_corner)

@@ -230,7 +230,10 @@ def _draw(scene: Scene) -> "Figure":
     figure = plt.figure(
         figsize=(_WIDTH * n_columns + 0.9, height * n_rows + 0.4), layout="constrained"
     )
-    axes = figure.subplots(n_rows, n_columns, squeeze=False)
+    # Ticks would not be seen, but each would be laid out.
+    axes = figure.subplots(
+        n_rows, n_columns, squeeze=False, subplot_kw={"xticks": [], "yticks": []}
+    )
     for row, label in enumerate(scene.labels):
         for panel, points, centre, ax in zip(scene.panels, seen, centres, axes[row], strict=True):
             colours = scene.colours(panel, row)

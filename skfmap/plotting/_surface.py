@@ -40,7 +40,9 @@ def draw_surface(ax: "Axes", seen: FloatArray, faces: IntArray, colours: FloatAr
     drawn = TriMesh(Triangulation(seen[:, 0], seen[:, 1], faces[order]))
     drawn.set_facecolor(lit(colours, vertex_normals(seen, faces)))
     drawn.set_rasterized(True)
-    ax.add_collection(drawn)
+    # Left to itself, matplotlib would find the limits from a path for each triangle.
+    ax.add_collection(drawn, autolim=False)
+    ax.update_datalim(seen[np.unique(faces), :2])
     ax.autoscale_view()
     ax.set_aspect("equal")
     ax.set_axis_off()

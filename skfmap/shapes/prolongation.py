@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 
 import numpy as np
+import numpy.typing as npt
 import scipy.sparse as sp
 
 from skfmap._tools.types import BoolArray, FloatArray, IntArray, SparseMatrix
@@ -36,8 +37,8 @@ class Prolongation:
     [[0.5, 0.5, 0.0], [0.0, 0.0, 0.0]]
     """
 
-    face: IntArray
-    coordinates: FloatArray
+    face: npt.NDArray[np.int32]
+    coordinates: npt.NDArray[np.float32]
 
     @classmethod
     def packed(cls, face: IntArray, coordinates: FloatArray) -> "Prolongation":

@@ -2,9 +2,9 @@
 
     python tests/benchmarks/dense.py [MOST]
 
-A creature that was not trained on is subdivided and roughened until it has 10,000 vertices and more,
-up to MOST (1,300,000), written as a binary PLY file, and matched by a model of five creatures of
-5,000. Each size is a process of its own. Then the same by hand: the mesh thinned to the working
+A creature that was not trained on is subdivided and roughened until it has 10,000 vertices and
+more, up to MOST (1,300,000), written as a binary PLY file, and matched by a model of five creatures
+of 5,000. Each size is a process of its own. Then the same by hand: the mesh thinned to the working
 size, matched, and each vertex given the answer of the nearest one in space.
 """
 
@@ -107,7 +107,9 @@ def main():
     print(f"fit on five creatures of 5,000 vertices: {time.perf_counter() - started:.1f} s")
     stored = model, creatures.meshes[0], creatures.correspondences[0]
     names = ("read", "basis", "probes", "match", "all", "GiB", "error", "by hand")
-    print(f"{'vertices':>9}" + "".join(f"{n:>{w}}" for n, w in zip(names, [8] * 6 + [9] * 2)))
+    widths = [8] * 6 + [9] * 2
+    heads = [f"{name:>{width}}" for name, width in zip(names, widths, strict=True)]
+    print(f"{'vertices':>9}" + "".join(heads))
     context = multiprocessing.get_context("spawn")
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / "model.pickle"

@@ -3,8 +3,8 @@
     python tests/benchmarks/dirty.py [--functions K] [--vertices N] [--wrap auto|none]
 
 Needs the skulls. Each landmark of the skull that is left out is where the one of the reference goes
-(`Match.inverse`), and where the hand-placed one comes from (`Match.p2p`); errors are straight lines in
-millimetres. Beside them, the distance of hand-placed landmarks from the vertices nearest to them,
+(`Match.inverse`), and where the hand-placed one comes from (`Match.p2p`); errors are straight
+lines in millimetres. Beside them, the distance of hand-placed landmarks from the vertices nearest to them,
 and the landmarks of the reference put in place by a similarity that is fitted to the skull's own.
 """
 
@@ -57,7 +57,9 @@ def main():
         learner = WeightedFunctionalMapLearner(
             n_functions=options.functions, memory=cache, n_jobs=2
         )
-        print(f"{'skull':<10}{'places':>8}{'inverse':>9}{'median':>8}{'p2p':>8}{'vertex':>8}{'similar':>8}")
+        print(
+            f"{'skull':<10}{'places':>8}{'inverse':>9}{'median':>8}{'p2p':>8}{'vertex':>8}{'similar':>8}"
+        )
         for i in range(1, len(shapes)):
             rest = [j for j in range(len(shapes)) if j != i]
             with warnings.catch_warnings():

@@ -2,8 +2,8 @@
 
     python tests/benchmarks/many.py [MOST]
 
-Creatures are subdivided to 100,000 vertices and written to a folder; models are fitted on 10, 50 and
-200 of the paths, up to MOST, each in a process of its own. Workers are counted too.
+Creatures are subdivided to 100,000 vertices and written to a folder; models are fitted on 10, 50
+and 200 of the paths, up to MOST, each in a process of its own. Workers are counted too.
 """
 
 import multiprocessing
