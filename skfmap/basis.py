@@ -14,13 +14,13 @@ from skfmap._tools.types import FloatArray, SparseMatrix
 from skfmap._tools.validation import check_choice, check_number, label
 from skfmap._tools.warn import warn
 from skfmap._version import Versioned
+from skfmap._working_mesh import WorkingMesh, working_mesh
 from skfmap.exceptions import MeshError, OrientationWarning
 from skfmap.functional.eigenbasis import laplacian_eigenbasis
 from skfmap.geometry.laplacian import LAPLACIANS
 from skfmap.io import MeshLike, as_arrays, as_mesh, check_meshes, n_vertices_of, named
 from skfmap.shapes import GivenMesh, Mesh, SkippedShape, SpectralShape
 from skfmap.shapes.usable import warn_of_repairs, warn_of_skipped
-from skfmap.working_mesh import WorkingMesh, working_mesh
 
 __all__ = ["SpectralBasis"]
 

@@ -35,7 +35,7 @@ from skfmap.geometry.orientation import orient_faces, signed_volume
 from skfmap.io import MeshLike, as_arrays
 from skfmap.shapes import Mesh
 
-__all__ = ["WOUND", "Fault", "MeshReport", "Repair", "check_mesh", "repair_mesh"]
+__all__ = ["WOUND", "Fault", "MeshReport", "Repair", "check_mesh", "repair_arrays", "repair_mesh"]
 
 # A mesh this many times its extent away from the origin has lost six of sixteen digits of its
 # coordinates. Only a note hangs on it; other numbers were never tried.
@@ -484,7 +484,11 @@ def repair_mesh(mesh: MeshLike) -> Repair:
     >>> repair.done
     ('removed 1 vertices that no face used',)
     """
-    vertices, faces, name = _raw(mesh)
+    return repair_arrays(*_raw(mesh))
+
+
+def repair_arrays(vertices: FloatArray, faces: IntArray, name: str | None) -> Repair:
+    """Mend vertices and faces, which messages call ``name``; see `repair_mesh`."""
     sound = sound_faces(vertices, faces)
     done = []
     if not sound.all():

@@ -21,7 +21,7 @@ from skfmap.geometry.orientation import orient_faces, signed_volume
 from skfmap.geometry.places import Surface, places_after_collapse
 from skfmap.geometry.thinning import check_thinned, thin
 from skfmap.geometry.wrapping import wants_wrapping, wrap
-from skfmap.health import WOUND, repair_mesh
+from skfmap.health import WOUND, repair_arrays
 from skfmap.shapes import Mesh, Prolongation
 
 __all__ = ["WorkingMesh", "check_sound", "working_mesh"]
@@ -137,10 +137,9 @@ def _as_it_is(
 
 
 def _mended(given: Mesh | tuple[FloatArray, IntArray], name: str | None) -> _Sound:
-    repair = repair_mesh(given)
-    if not repair.done:
-        return _Sound(given if isinstance(given, Mesh) else Mesh(*given, name), None, ())
-    mesh = Mesh(repair.mesh.vertices, repair.mesh.faces, name)
+    vertices, faces = (given.vertices, given.faces) if isinstance(given, Mesh) else given
+    repair = repair_arrays(vertices, faces, name)
+    mesh = given if isinstance(given, Mesh) and not repair.done else repair.mesh
     done = tuple(one for one in repair.done if one != WOUND)
     return _Sound(mesh, repair.vertex_map if repair.renumbered else None, done)
 
