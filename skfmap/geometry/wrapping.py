@@ -140,11 +140,12 @@ def _known_on_grid(vertices: FloatArray, faces: IntArray, cell: float, margin: f
 
 def _points_on(vertices: FloatArray, faces: IntArray, spacing: float) -> Iterator[FloatArray]:
     """Yield points on triangles, none of which is farther than the spacing from the next."""
-    steps = np.ceil(np.sqrt(area_and_longest_edge(vertices, faces)[1]) / spacing).astype(int)
+    longest = np.sqrt(area_and_longest_edge(vertices, faces)[1])
+    steps = np.ceil(np.maximum(longest / spacing, 1.0)).astype(int)
     for n in np.unique(steps):
         corners = vertices[faces[steps == n]]
         i, j = np.divmod(np.arange((n + 1) ** 2), n + 1)
-        weights = np.stack([i, j, n - i - j], axis=1)[i + j <= n] / max(n, 1)
+        weights = np.stack([i, j, n - i - j], axis=1)[i + j <= n] / n
         yield np.einsum("pk,fkx->fpx", weights, corners).reshape(-1, 3)
 
 
