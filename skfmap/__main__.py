@@ -35,18 +35,20 @@ from skfmap.report import Evaluation, thin_out, write_report
 from skfmap.shapes import Correspondence, Match, Mesh, ProbedShape, SkippedShape
 
 # How points are matched: in all functions alike, in the p most stable, in all weighted by
-# stability.
+# stability, and refined from there.
 _MATCHINGS: dict[str, dict[str, Any]] = {
-    "full": {"matching": "cut", "n_stable": 1.0},
-    "reduced": {"matching": "cut", "n_stable": "fitted"},
-    "soft": {"matching": "soft"},
+    "full": {"matching": "cut", "n_stable": 1.0, "refine": None},
+    "reduced": {"matching": "cut", "n_stable": "fitted", "refine": None},
+    "soft": {"matching": "soft", "refine": None},
+    "refined": {},
 }
 
 
 _GO_ON = " (--on-invalid skip goes on without what cannot be used, but for the reference.)"
 
 _KINDS_EXPLAINED = (
-    "full: all functions alike; reduced: the more stable half; soft: all, weighted by stability\n"
+    "full: all functions alike; reduced: the more stable half; soft: all, weighted by stability;\n"
+    "refined: from soft on, in all functions that there are\n"
     "direct: nothing forgiven; consistent: the better side, once for the map; per vertex: the "
     "better side at each\n"
 )
@@ -376,7 +378,7 @@ def _save(
     result, camera = results["function"], Camera(options.up)
     captions = [
         f"error {100 * errors.mean('direct'):.1f} % of sqrt(area)"
-        for errors in result.errors["soft"]
+        for errors in result.errors["refined"]
     ]
     meshes = [shapes[i].spectral.mesh for i in left_out]
     plot_matches(
@@ -391,7 +393,7 @@ def _save(
         n_functions=options.functions, memory=memory, n_jobs=options.jobs
     ).fit(shapes, collection.correspondences)
     evaluation = Evaluation(
-        meshes, result.matches, result.errors["soft"], results[None].errors["soft"]
+        meshes, result.matches, result.errors["refined"], results[None].errors["refined"]
     )
     write_report(learner, report, evaluation=evaluation, camera=camera)
     basis, probes, learner = (
@@ -400,7 +402,7 @@ def _save(
     basis.set_params(n_components=shapes[0].spectral.n_components)
     joblib.dump(make_pipeline(basis, probes, learner), model)
     print(f"\nReport, to open in a browser: {report}")
-    print(f"Picture of the matches (weighting 'function', soft): {picture}")
+    print(f"Picture of the matches (weighting 'function', refined): {picture}")
     print(f"Model trained on all {len(shapes)} shapes: {model}. To match a new shape with it:")
     print(f'    model = joblib.load("{model}"); matches = skfmap.match(model, ["new.ply"])')
 

@@ -95,11 +95,11 @@ def working_mesh(
         If it is not sound, and cannot be mended or must not be.
     """
     vertices, faces = (given.vertices, given.faces) if isinstance(given, Mesh) else given
-    if mend and wrap and (reason := _reason_to_wrap(vertices, faces)):
+    sound = _mended(given, name) if mend else _as_it_is(given, name, laplacian)
+    if wrap and sound.reason_to_wrap:
         content_hash = hash_of_arrays(vertices, faces)
         shell = cached(_wrapped, memory)((vertices, faces), content_hash, max_vertices)
-        return _of_shell(shell, name, reason)
-    sound = _mended(given, name) if mend else _as_it_is(given, name, laplacian)
+        return _of_shell(shell, name, sound)
     mesh, vertex_map = sound.mesh, sound.vertex_map
     if max_vertices is None or mesh.n_vertices <= max_vertices:
         faces, consistent, outward = orient_faces(mesh.vertices, mesh.faces)
@@ -121,11 +121,15 @@ def working_mesh(
 
 
 class _Sound(NamedTuple):
-    """A sound mesh, what became of the vertices that were given, and what was done."""
+    """A sound mesh, what became of the vertices that were given, and what was done.
+
+    And why it is no surface of a body but for its shell, if it is none.
+    """
 
     mesh: Mesh
     vertex_map: IntArray | None
-    done: tuple[str, ...]
+    done: tuple[str, ...] = ()
+    reason_to_wrap: str = ""
 
 
 def _as_it_is(
@@ -133,7 +137,7 @@ def _as_it_is(
 ) -> _Sound:
     mesh = given if isinstance(given, Mesh) else Mesh(*given, name)
     check_sound(mesh, laplacian)
-    return _Sound(mesh, None, ())
+    return _Sound(mesh, None)
 
 
 def _mended(given: Mesh | tuple[FloatArray, IntArray], name: str | None) -> _Sound:
@@ -141,7 +145,8 @@ def _mended(given: Mesh | tuple[FloatArray, IntArray], name: str | None) -> _Sou
     repair = repair_arrays(vertices, faces, name)
     mesh = given if isinstance(given, Mesh) and not repair.done else repair.mesh
     done = tuple(one for one in repair.done if one != WOUND)
-    return _Sound(mesh, repair.vertex_map if repair.renumbered else None, done)
+    vertex_map = repair.vertex_map if repair.renumbered else None
+    return _Sound(mesh, vertex_map, done, wants_wrapping(mesh.faces, repair.tally))
 
 
 class _Thinned(NamedTuple):
@@ -224,11 +229,6 @@ class _Shell(NamedTuple):
     radius: float
 
 
-def _reason_to_wrap(vertices: FloatArray, faces: IntArray) -> str:
-    sound = sound_faces(vertices, faces)
-    return wants_wrapping(vertices, faces[sound]) if sound.any() else ""
-
-
 def _wrapped(
     given: tuple[FloatArray, IntArray],
     content_hash: str,  # noqa: ARG001
@@ -244,22 +244,22 @@ def _wrapped(
     used = np.unique(faces)
     face, coordinates = np.full(len(vertices), -1), np.zeros((len(vertices), 2))
     at, where, distances = Surface(points, triangles).locate(
-        vertices[used], vertex_normals(vertices, faces)[used]
+        vertices[used], vertex_normals(vertices, faces)[used], agreeing=True
     )
-    reached = distances <= _REACH * shell.radius
+    reached = distances <= _REACH * shell.radius  # not where there is no place at all
     face[used[reached]], coordinates[used[reached]] = at[reached], where[reached]
     return _Shell(points, triangles, face, coordinates, shell.radius)
 
 
-def _of_shell(shell: _Shell, name: str | None, reason: str) -> WorkingMesh:
+def _of_shell(shell: _Shell, name: str | None, sound: _Sound) -> WorkingMesh:
     told = (
-        f"wrapped, because {reason}: gaps narrower than {2 * shell.radius:.3g} of its units are "
-        f"closed, and {(shell.face < 0).sum()} of {len(shell.face)} vertices, which the shell does "
-        "not reach, have no answer"
+        f"wrapped, because {sound.reason_to_wrap}: openings narrower than {2 * shell.radius:.3g} "
+        f"of its units are closed, and {(shell.face < 0).sum()} of {len(shell.face)} vertices, "
+        "which the shell does not reach, have no answer"
     )
     mesh = Mesh(shell.vertices, shell.faces, name)
     prolongation = Prolongation.packed(shell.face, shell.coordinates)
-    return WorkingMesh(mesh, True, True, prolongation, (told,))
+    return WorkingMesh(mesh, True, True, prolongation, (*sound.done, told))
 
 
 def check_sound(mesh: Mesh, laplacian: str) -> None:

@@ -1,6 +1,6 @@
 """What is wrong with a mesh, what it means for a functional map, and what can be mended."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
@@ -422,11 +422,14 @@ class Repair:
         mesh may have further vertices, copies of some of these, at its end.
     done : tuple of str
         What was done; empty if there was nothing to do.
+    tally : dict of str to float
+        The same in numbers.
     """
 
     mesh: Mesh
     vertex_map: IntArray
     done: tuple[str, ...]
+    tally: dict[str, float] = field(default_factory=dict)
 
     @property
     def renumbered(self) -> bool:
@@ -516,7 +519,8 @@ def repair_arrays(vertices: FloatArray, faces: IntArray, name: str | None) -> Re
     wound, _, _ = orient_faces(mended.vertices, mended.faces, mended.edges)
     if "turned faces" in mended.tally or wound is not mended.faces:
         done.append(WOUND)
-    return Repair(Mesh(mended.vertices, wound, name), mended.vertex_map, tuple(done))
+    mesh = Mesh(mended.vertices, wound, name)
+    return Repair(mesh, mended.vertex_map, tuple(done), mended.tally)
 
 
 def _hopeless_of(vertices: FloatArray, faces: IntArray) -> str:

@@ -210,7 +210,7 @@ def make(memory):
             SpectralBasis(20, memory=memory, **parameters),
             DescriptorTransformer(families, memory=memory),
             WeightedFunctionalMapLearner(
-                n_functions=8, weighting="category", tol=1e-2, memory=memory
+                n_functions=8, weighting="category", tol=1e-2, refine=None, memory=memory
             ),
         )
 

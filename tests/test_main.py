@@ -36,7 +36,7 @@ def test_main_job_on_a_folder(folder, capsys):
     table = printed[printed.index("weighting ") :].splitlines()
     assert [row.split()[0] for row in table[1:5]] == ["none", "unique", "category", "function"]
     assert all(
-        0 < float(cell) < 100 for row in table[1:5] for cell in row.replace("|", " ").split()[-9:]
+        0 < float(cell) < 100 for row in table[1:5] for cell in row.replace("|", " ").split()[-12:]
     )
     assert "Leaving out one at a time: body1, body3." in printed
     assert imread(output / "matches.png")[..., :3].std() > 0.05

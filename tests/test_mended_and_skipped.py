@@ -72,9 +72,8 @@ def model_that(collection, memory):
     """Return a function that fits a pipeline with `on_invalid` on the first bodies."""
 
     def make(on_invalid, meshes=None, truths=None, through=None, **parameters):
-        learner = WeightedFunctionalMapLearner(
-            n_functions=10, weighting="category", tol=1e-2, memory=memory, **parameters
-        )
+        given = {"n_functions": 10, "weighting": "category", "tol": 1e-2, "refine": None}
+        learner = WeightedFunctionalMapLearner(**{**given, "memory": memory, **parameters})
         learner = learner if through is None else BridgedLearner(learner, through)
         basis = SpectralBasis(20, on_invalid=on_invalid, memory=memory)
         model = make_pipeline(basis, DescriptorTransformer(memory=memory), learner)

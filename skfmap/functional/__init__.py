@@ -28,6 +28,7 @@ from skfmap.functional.regularization import (
 )
 from skfmap.functional.residuals import residual_covariance, trusted_functions
 from skfmap.functional.row_systems import RowSystems, SharedRowSystems
+from skfmap.functional.samples import areas_of_samples, farthest_points
 from skfmap.functional.signatures import heat_kernel_signature, wave_kernel_signature
 from skfmap.functional.stable_basis import basis_error, missed_by_maps, stable_basis
 from skfmap.functional.subvertex import nearest_on_triangles
@@ -44,9 +45,11 @@ __all__ = [
     "QuadraticSystems",
     "RowSystems",
     "SharedRowSystems",
+    "areas_of_samples",
     "basis_error",
     "diffuse",
     "epsilon_by_rule",
+    "farthest_points",
     "heat_kernel_signature",
     "laplacian_eigenbasis",
     "laplacian_mask",

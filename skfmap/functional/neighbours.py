@@ -1,5 +1,9 @@
 """Nearest neighbours among the points of two embeddings, in both directions at once."""
 
+from collections.abc import Callable, Iterable
+from concurrent.futures import ThreadPoolExecutor
+from typing import TypeVar
+
 import numpy as np
 
 from skfmap._tools.types import Array, FloatArray, IntArray
@@ -13,6 +17,8 @@ _ROUNDING = 1e-9
 _AT_A_TIME = 650_000
 # Blocks at least: the second direction goes over one or two of them again for each target.
 _LEAST_BLOCKS = 16
+_Item = TypeVar("_Item")
+_Result = TypeVar("_Result")
 _SINGLE = float(np.finfo(np.float32).eps)
 
 
@@ -41,7 +47,9 @@ def nearest(points: FloatArray, targets: FloatArray) -> IntArray:
     return _Search(points, targets).along_rows(both=False)[0]
 
 
-def nearest_both(points: FloatArray, targets: FloatArray) -> tuple[IntArray, IntArray]:
+def nearest_both(
+    points: FloatArray, targets: FloatArray, *, n_threads: int = 1
+) -> tuple[IntArray, IntArray]:
     """Return the nearest target of each point, and the nearest point of each target.
 
     One product in single precision serves both; what it cannot tell apart is decided in double
@@ -51,6 +59,9 @@ def nearest_both(points: FloatArray, targets: FloatArray) -> tuple[IntArray, Int
     ----------
     points, targets : ndarray of shape (n_points, d), ndarray of shape (n_targets, d)
         Finite coordinates.
+    n_threads : int
+        Blocks of points at a time; the result is the same for every number. BLAS should then keep
+        to one thread (threadpoolctl).
 
     Returns
     -------
@@ -65,7 +76,7 @@ def nearest_both(points: FloatArray, targets: FloatArray) -> tuple[IntArray, Int
     >>> there.tolist(), back.tolist()
     ([0, 1], [0, 1, 1])
     """
-    search = _Search(points, targets)
+    search = _Search(points, targets, n_threads)
     there, least = search.along_rows(both=True)
     return there, search.along_columns(least)
 
@@ -73,8 +84,8 @@ def nearest_both(points: FloatArray, targets: FloatArray) -> tuple[IntArray, Int
 class _Search:
     """Points and targets, centred and scaled, so that a product gives half squared distances."""
 
-    def __init__(self, points: FloatArray, targets: FloatArray) -> None:
-        self.points, self.targets = points, targets
+    def __init__(self, points: FloatArray, targets: FloatArray, n_threads: int = 1) -> None:
+        self.points, self.targets, self.n_threads = points, targets, n_threads
         centre = targets.mean(axis=0)
         a, b = points - centre, targets - centre
         squares_a, squares_b = (np.einsum("ij,ij->i", x, x) for x in (a, b))
@@ -92,7 +103,9 @@ class _Search:
         out = np.empty(len(self.points), dtype=np.int64)
         least = np.empty((len(self.blocks) if both else 0, len(self.targets)), dtype=np.float32)
         slack = _ROUNDING * np.einsum("ij,ij->i", self.points, self.points)
-        for number, block in enumerate(self.blocks):
+
+        def search(number: int) -> None:
+            block = self.blocks[number]
             halves = self.a[block] @ self.b.T
             if both:
                 halves.min(axis=0, out=least[number])
@@ -102,21 +115,31 @@ class _Search:
             out[block] = _first_nearest(
                 self.points[block], self.targets, slack[block], rows, columns
             )
+
+        self._each(search, range(len(self.blocks)))
         return out, least
 
     def along_columns(self, least: Array) -> IntArray:
         """Return the nearest point of each target, from the blocks that may hold it."""
         slack = _ROUNDING * np.einsum("ij,ij->i", self.targets, self.targets)
         limit = self._limit(least.min(axis=0), self.squares_b, slack)
-        pairs = []
-        for block, values in zip(self.blocks, least, strict=True):
-            columns = np.flatnonzero(values <= limit)
+
+        def search(number: int) -> tuple[IntArray, IntArray]:
+            block, columns = self.blocks[number], np.flatnonzero(least[number] <= limit)
             halves = self.b[columns] @ self.a[block].T
             at, rows = np.nonzero(halves <= limit[columns, None])
-            pairs.append((columns[at], rows + block.start))
+            return columns[at], rows + block.start
+
+        pairs = self._each(search, range(len(self.blocks)))
         columns, rows = (np.concatenate(part) for part in zip(*pairs, strict=True))
         order = np.argsort(columns, kind="stable")  # points stay ascending
         return _first_nearest(self.targets, self.points, slack, columns[order], rows[order])
+
+    def _each(self, function: Callable[[_Item], _Result], items: Iterable[_Item]) -> list[_Result]:
+        if self.n_threads == 1:
+            return [function(item) for item in items]
+        with ThreadPoolExecutor(self.n_threads) as threads:
+            return list(threads.map(function, items))
 
     def _limit(self, best: FloatArray, squares: FloatArray, slack: FloatArray) -> FloatArray:
         """Return up to where half squared distances may be the least but for rounding.

@@ -656,6 +656,15 @@ def _largest_piece(surface: _Surface, tally: dict[str, float]) -> _Surface:
     largest = first_of_largest(sizes)
     _count(tally, "pieces", len(sizes))
     _count(tally, "debris", float(1 - sizes[largest] / max(sizes.sum(), 1e-300)))
+    # Those around or inside of it are counted by themselves.
+    first = np.unique(piece, return_index=True)[1]
+    points = surface.vertices[surface.faces[piece == largest].ravel()]
+    low, high = points.min(axis=0), points.max(axis=0)
+    middle = surface.vertices[surface.faces[first]].mean(axis=1)
+    around = ((middle >= low) & (middle <= high)).all(axis=1)
+    around[largest] = False
+    _count(tally, "pieces around", int(around.sum()))
+    _count(tally, "area around", float(sizes[around].sum() / max(sizes.sum(), 1e-300)))
     return surface.only(piece == largest)
 
 
