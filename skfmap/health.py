@@ -163,7 +163,7 @@ def check_mesh(mesh: MeshLike) -> MeshReport:
     """
     try:
         vertices, faces, name = _raw(mesh)
-    except (MeshError, OSError) as error:
+    except (MeshError, OSError, TypeError) as error:
         name = Path(mesh).stem if isinstance(mesh, (str, Path)) else getattr(mesh, "name", None)
         return MeshReport(name, 0, 0, (_fatal("unreadable", str(error)),))
     found = _faults_of_arrays(vertices, faces)
@@ -311,7 +311,7 @@ def _hopeless(points: FloatArray, faces: IntArray) -> list[Fault]:
     with np.errstate(all="ignore"):
         area, longest = area_and_longest_edge(points, faces)
         total, edge = float(area.sum()), float(longest.mean() ** 0.5)
-        return _faults_of_precision(points, total, edge) or _faults_of_scale(total)
+        return _faults_of_precision(points, faces, total, edge) or _faults_of_scale(total)
 
 
 def _faults_of_scale(area: float) -> list[Fault]:
@@ -321,7 +321,9 @@ def _faults_of_scale(area: float) -> list[Fault]:
     return [_fatal("extreme scale", meaning)]
 
 
-def _faults_of_precision(points: FloatArray, area: float, edge: float) -> list[Fault]:
+def _faults_of_precision(
+    points: FloatArray, faces: IntArray, area: float, edge: float
+) -> list[Fault]:
     """Find coordinates that lie on a grid, as numbers in single precision are as far apart."""
     size = np.abs(points).max(axis=0)
     step = _SINGLE * size / 2
@@ -339,7 +341,9 @@ def _faults_of_precision(points: FloatArray, area: float, edge: float) -> list[F
         f"(numbers near {size[axis]:.2g} are {step[axis]:.1g} or more apart, edges are {edge:.1g} "
         "long): subtract an offset before saving."
     )
-    return [_fatal("coordinates without digits", meaning)]
+    flat = len(degenerate_faces(points, faces)) > 0
+    refused_by = _ALL if area == 0 else ("cotangent",) if flat else ()
+    return [Fault("coordinates without digits", "fatal", 1, None, meaning, refused_by)]
 
 
 def _faults_of_distance(points: FloatArray) -> list[Fault]:
