@@ -46,7 +46,8 @@ class Wrapped(NamedTuple):
     faces : ndarray of int, shape (n_faces, 3)
         Triangles of one closed manifold surface, wound outwards.
     radius : float
-        The closing radius: the shell spans openings into which no ball of this radius gets.
+        The closing radius: a ball of this radius can touch the shell everywhere from outside, but
+        in front of chambers.
     """
 
     vertices: FloatArray
@@ -61,7 +62,7 @@ class _Grid(NamedTuple):
     distance: FloatArray
     """Distance from the surface, negative inside."""
     level: FloatArray
-    """The same near the surface; where an opening is wide, it changes sign gradually."""
+    """Negative inside and up to the offset outside; zero where the side changes in the open."""
 
 
 def wrap(
@@ -70,7 +71,7 @@ def wrap(
     """Return the outer shell of a surface: closed, in one piece, with hardly a handle.
 
     On a grid, whatever has a generalised winding number above one half is inside. What no ball of
-    the closing radius can reach from outside is closed, and so are chambers: spaces where a larger
+    the closing radius can cover from outside is closed, and so are chambers: spaces where a larger
     ball finds room that cannot leave by any opening. The level set (marching cubes) half a cell
     outside is moved back to the surface.
 
@@ -114,7 +115,7 @@ def wrap(
     chambers = _chambers(distance, radius, cell)
     if chambers.any():
         distance = np.minimum(distance, ndimage.distance_transform_edt(~chambers) * cell)
-    level = np.minimum(grid.level - _OFFSET * cell, _closed(distance, radius, cell))
+    level = np.minimum(grid.level, _closed(distance, radius, cell))
     level[chambers | ((level > 0) & ~_with_the_border(level > 0))] = -cell
     points, triangles = marching_cubes(np.clip(level, -cell, cell), grid.points)
     shell = mend(points, triangles)
@@ -137,7 +138,8 @@ def _known_on_grid(vertices: FloatArray, faces: IntArray, cell: float, margin: f
     squared, _, _ = igl.point_mesh_squared_distance(points[near], vertices, faces)
     side, gradual = _sides(points, distance <= _WALL * cell, vertices, faces, cell)
     distance[near] = np.sqrt(squared)
-    return _Grid(points, side * distance, side * np.minimum(distance, gradual))
+    level = side * np.minimum(distance - side * _OFFSET * cell, gradual)
+    return _Grid(points, side * distance, level)
 
 
 def _points_on(vertices: FloatArray, faces: IntArray, spacing: float) -> Iterator[FloatArray]:
