@@ -23,8 +23,10 @@ _MANY_PIECES, _MUCH_AREA = 10, 0.1
 
 # All in cells of the grid. The closing radius ...
 _RADIUS = 6
-# ... and the radii of balls that may be caught in a chamber: what fits in but not out is closed.
+# ... and the radii of balls that may be caught in a chamber: what fits in but not out is closed ...
 _BALLS = (8, 10, 12, 14, 16)
+# ... if there is room for a ball that is so many times larger; else it is a mere niche.
+_WIDER = 1.3
 # Shells are made so far outside, so that sheets without thickness have two sides, and are moved
 # back by nearly as much.
 _OFFSET, _BACK = 0.5, 0.9
@@ -44,7 +46,8 @@ class Wrapped(NamedTuple):
     faces : ndarray of int, shape (n_faces, 3)
         Triangles of one closed manifold surface, wound outwards.
     radius : float
-        The closing radius: the shell spans openings into which no ball of this radius gets.
+        The closing radius: a ball of this radius can touch the shell everywhere from outside, but
+        in front of chambers.
     """
 
     vertices: FloatArray
@@ -59,7 +62,7 @@ class _Grid(NamedTuple):
     distance: FloatArray
     """Distance from the surface, negative inside."""
     level: FloatArray
-    """The same near the surface; where an opening is wide, it changes sign gradually."""
+    """Negative inside and up to the offset outside; zero where the side changes in the open."""
 
 
 def wrap(
@@ -68,7 +71,7 @@ def wrap(
     """Return the outer shell of a surface: closed, in one piece, with hardly a handle.
 
     On a grid, whatever has a generalised winding number above one half is inside. What no ball of
-    the closing radius can reach from outside is closed, and so are chambers: spaces where a larger
+    the closing radius can cover from outside is closed, and so are chambers: spaces where a larger
     ball finds room that cannot leave by any opening. The level set (marching cubes) half a cell
     outside is moved back to the surface.
 
@@ -108,11 +111,11 @@ def wrap(
     cell = float(np.ptp(vertices[faces.ravel()], axis=0).max()) / n_cells
     radius = _RADIUS * cell if radius is None else float(radius)
     grid = _known_on_grid(vertices, faces, cell, radius + 3 * cell)
-    chambers = _chambers(grid.distance, _closed(grid.distance, radius, cell) > 0, cell, radius)
     distance = grid.distance
+    chambers = _chambers(distance, radius, cell)
     if chambers.any():
         distance = np.minimum(distance, ndimage.distance_transform_edt(~chambers) * cell)
-    level = np.minimum(grid.level - _OFFSET * cell, _closed(distance, radius, cell))
+    level = np.minimum(grid.level, _closed(distance, radius, cell))
     level[chambers | ((level > 0) & ~_with_the_border(level > 0))] = -cell
     points, triangles = marching_cubes(np.clip(level, -cell, cell), grid.points)
     shell = mend(points, triangles)
@@ -135,7 +138,8 @@ def _known_on_grid(vertices: FloatArray, faces: IntArray, cell: float, margin: f
     squared, _, _ = igl.point_mesh_squared_distance(points[near], vertices, faces)
     side, gradual = _sides(points, distance <= _WALL * cell, vertices, faces, cell)
     distance[near] = np.sqrt(squared)
-    return _Grid(points, side * distance, side * np.minimum(distance, gradual))
+    level = side * np.minimum(distance - side * _OFFSET * cell, gradual)
+    return _Grid(points, side * distance, level)
 
 
 def _points_on(vertices: FloatArray, faces: IntArray, spacing: float) -> Iterator[FloatArray]:
@@ -182,17 +186,27 @@ def _closed(distance: FloatArray, radius: float, cell: float) -> FloatArray:
     return radius + cell - ndimage.distance_transform_edt(~outside) * cell
 
 
-def _chambers(distance: FloatArray, air: BoolArray, cell: float, radius: float) -> BoolArray:
+def _chambers(distance: FloatArray, radius: float, cell: float) -> BoolArray:
     """Return the chambers: where a ball fits in that cannot leave by any opening.
 
-    Each point of an opening belongs to that side from which it is reached in fewer steps.
+    The next smaller ball can; each place that it gets to is the chamber's if its middle comes there
+    in fewer steps than from outside.
     """
     closed = np.zeros(distance.shape, dtype=bool)
-    for n in _BALLS:
-        room = (distance > max(n * cell, radius)) & ~closed
+    smaller = radius
+    for ball in (n * cell for n in _BALLS if n * cell > radius):
+        room = (distance > ball) & ~closed
         out = _with_the_border(room)
-        if (room & ~out).any():
-            closed |= _reached_first(room & ~out, out, air & ~closed)
+        caught, n_caught = ndimage.label(room & ~out)
+        widest = ndimage.maximum(distance, caught, np.arange(1, n_caught + 1))
+        wide = np.append(False, np.asarray(widest) > _WIDER * ball)[caught]
+        if wide.any():
+            way = (distance > smaller) & ~closed
+            middles = _reached_first(wide, out, way)
+            away = ndimage.distance_transform_edt(~middles) * cell
+            others = ndimage.distance_transform_edt(~(way & ~middles)) * cell
+            closed |= (away < smaller) & (away <= others)
+        smaller = ball
     return closed
 
 

@@ -4,8 +4,9 @@
 
 Needs the skulls. Each landmark of the skull that is left out is where the one of the reference goes
 (`Match.inverse`), and where the hand-placed one comes from (`Match.p2p`); errors are straight
-lines in millimetres. Beside them, the distance of hand-placed landmarks from the vertices nearest to them,
-and the landmarks of the reference put in place by a similarity that is fitted to the skull's own.
+lines in millimetres. Beside them, the distance of hand-placed landmarks from the vertices nearest
+to them, and the landmarks of the reference put in place by a similarity that is fitted to the
+skull's own.
 """
 
 import argparse
