@@ -34,6 +34,8 @@ _FAR_OFF = 0.05
 # Closing radii within which a vertex counts as lying on the shell.
 _REACH = 2.0
 
+_MENDS = "SpectralBasis(on_invalid='mend')"
+
 
 class WorkingMesh(NamedTuple):
     """What is computed on, and what it has to do with what was given.
@@ -198,7 +200,7 @@ def _thinned(mesh: Mesh, content_hash: str, n_vertices: int) -> _Thinned:  # noq
 def _not_thinned(mesh: Mesh, n_vertices: int, why: str) -> MeshError:
     return MeshError(
         f"{label(mesh.name)} cannot be thinned to {n_vertices} vertices: {why}. Mend it "
-        "(SpectralBasis(on_invalid='mend')), or give max_vertices=None."
+        f"({_MENDS}), or give max_vertices=None."
     )
 
 
@@ -268,17 +270,20 @@ def check_sound(mesh: Mesh, laplacian: str) -> None:
     if len(loose := unreferenced_vertices(mesh.faces, mesh.n_vertices)):
         raise MeshError(
             f"{who} has {len(loose)} vertices that no face uses, the first is vertex {loose[0]}. "
-            "Remove them, and renumber its correspondences to match."
+            "Remove them, and renumber its correspondences to match, or leave that to "
+            f"{_MENDS}."
         )
     if len(repeated := repeated_corners(mesh.faces)):
         raise MeshError(
             f"{who} has {len(repeated)} faces that name a vertex twice, the first is face "
-            f"{repeated[0]}; remove these faces (vertex numbers stay as they are)."
+            f"{repeated[0]}; remove these faces (vertex numbers stay as they are), or leave that "
+            f"to {_MENDS}."
         )
     if (n_parts := count_components(mesh.faces, mesh.n_vertices)) > 1:
         raise MeshError(
             f"{who} has {n_parts} connected components; a functional map cannot relate them. Keep "
-            "the largest, or merge duplicate vertices if they split the surface along seams."
+            "the largest, or merge duplicate vertices if they split the surface along seams; or "
+            f"leave that to {_MENDS}."
         )
     if not SMALLEST_AREA < mesh.area < LARGEST_AREA:
         raise MeshError(
@@ -290,14 +295,13 @@ def check_sound(mesh: Mesh, laplacian: str) -> None:
 
 
 def _check_cotangent(mesh: Mesh, who: str) -> None:
-    remedy = "use SpectralBasis(laplacian='robust')."
+    remedy = f"mend them ({_MENDS}), or use SpectralBasis(laplacian='robust')."
     if len(flat := degenerate_faces(mesh.vertices, mesh.faces)):
         raise MeshError(
-            f"{who} has {len(flat)} faces without area, the first is face {flat[0]}; mend them, "
-            f"or {remedy}"
+            f"{who} has {len(flat)} faces without area, the first is face {flat[0]}; {remedy}"
         )
     if len(edges := nonmanifold_edges(mesh.faces)):
         raise MeshError(
             f"{who} has {len(edges)} edges with more than two faces, the first is "
-            f"{edges[0].tolist()}; mend them, or {remedy}"
+            f"{edges[0].tolist()}; {remedy}"
         )
