@@ -29,8 +29,8 @@ def trained():
     creatures = make_creatures(n_shapes=9, n_vertices=1200)
     shapes = DescriptorTransformer().transform(SpectralBasis().transform(creatures.meshes))
     truths = creatures.correspondences
-    naive = WeightedFunctionalMapLearner(weighting=None).fit(shapes[:8], truths[:8])
-    learned = WeightedFunctionalMapLearner().fit(shapes[:8], truths[:8])
+    naive = WeightedFunctionalMapLearner(weighting=None, refine=None).fit(shapes[:8], truths[:8])
+    learned = WeightedFunctionalMapLearner(refine=None).fit(shapes[:8], truths[:8])
     return SimpleNamespace(
         shapes=shapes,
         truths=truths,
@@ -255,7 +255,7 @@ def sides():
     """Draw which side of the reference points are matched to, without and with oriented probes."""
     it = trained()
     paper = DescriptorTransformer("paper").transform([shape.spectral for shape in it.shapes])
-    symmetric = WeightedFunctionalMapLearner().fit(paper[:8], it.truths[:8])
+    symmetric = WeightedFunctionalMapLearner(refine=None).fit(paper[:8], it.truths[:8])
     side = np.tanh(it.reference.vertices[:, 0] / 0.05)
     meshes, functions, captions = [it.reference.mesh], [side], ["reference"]
     for learner, new, name in (

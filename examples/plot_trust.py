@@ -20,7 +20,7 @@ creatures = make_creatures(n_shapes=11, n_vertices=1000)
 model = make_pipeline(
     skfmap.SpectralBasis(),
     skfmap.DescriptorTransformer(),
-    skfmap.WeightedFunctionalMapLearner(refine="bijective-zoomout"),
+    skfmap.WeightedFunctionalMapLearner(),
 )
 model.fit(creatures.meshes[:7], creatures.correspondences[:7])
 new_meshes, new_truths = creatures.meshes[7:], creatures.correspondences[7:]

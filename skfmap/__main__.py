@@ -6,7 +6,7 @@ import tempfile
 import time
 import warnings
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -28,27 +28,30 @@ from skfmap.exceptions import (
 )
 from skfmap.functional.weighting import WEIGHTINGS
 from skfmap.learner import WeightedFunctionalMapLearner
+from skfmap.learner.given_answers import drawn_on_working_meshes, errors_on_working_mesh
 from skfmap.metrics import ERROR_KINDS, PairErrors, reference_distances
 from skfmap.plotting import Camera, plot_matches
 from skfmap.report import Evaluation, thin_out, write_report
 from skfmap.shapes import Correspondence, Match, Mesh, ProbedShape, SkippedShape
 
 # How points are matched: in all functions alike, in the p most stable, in all weighted by
-# stability.
+# stability, and refined from there.
 _MATCHINGS: dict[str, dict[str, Any]] = {
-    "full": {"matching": "cut", "n_stable": 1.0},
-    "reduced": {"matching": "cut", "n_stable": "fitted"},
-    "soft": {"matching": "soft"},
+    "full": {"matching": "cut", "n_stable": 1.0, "refine": None},
+    "reduced": {"matching": "cut", "n_stable": "fitted", "refine": None},
+    "soft": {"matching": "soft", "refine": None},
+    "refined": {},
 }
 
 
 # What the report and the pictures are of.
 _SHOWN = "function"
 
-_GO_ON = " (--on-invalid repair, or skip, goes on without what is broken, but for the reference.)"
+_GO_ON = " (--on-invalid skip goes on without what cannot be used, but for the reference.)"
 
 _KINDS_EXPLAINED = (
-    "full: all functions alike; reduced: the more stable half; soft: all, weighted by stability\n"
+    "full: all functions alike; reduced: the more stable half; soft: all, weighted by stability;\n"
+    "refined: from soft on, in all functions that there are\n"
     "direct: nothing forgiven; consistent: the better side, once for the map; per vertex: the "
     "better side at each\n"
 )
@@ -70,7 +73,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     try:
         _run(options)
     except (ValueError, TypeError, OSError) as error:
-        hint = isinstance(error, (MeshError, CorrespondenceError)) and options.on_invalid == "raise"
+        hint = isinstance(error, (MeshError, CorrespondenceError)) and options.on_invalid != "skip"
         print(f"skfmap: {error}{_GO_ON if hint else ''}", file=sys.stderr)
         return 2
     except KeyboardInterrupt:
@@ -143,10 +146,17 @@ def _parser() -> argparse.ArgumentParser:
     )
     parser.add_argument(
         "--on-invalid",
-        choices=["raise", "repair", "skip"],
-        default="raise",
-        help="what to do with meshes that cannot be used: stop (default), mend what can be mended "
-        "and leave out the rest, or leave out; the reference must be sound",
+        choices=["mend", "raise", "skip"],
+        default="mend",
+        help="what to do with meshes that are broken: mend them, and stop where nothing helps "
+        "(default); stop; or mend them, and leave out where nothing helps",
+    )
+    parser.add_argument(
+        "--max-vertices",
+        type=int,
+        default=SpectralBasis().max_vertices,
+        help="larger meshes are thinned to so many vertices to compute on; answers are on the "
+        "meshes as they came (default: %(default)s)",
     )
     parser.add_argument(
         "--cache", type=Path, help="folder that keeps bases and probes between runs"
@@ -165,7 +175,7 @@ def _run(options: argparse.Namespace) -> None:
     collection, shapes = _usable(collection, _probed(collection, options))
     left_out = _choose_folds(len(shapes), options.folds)
     scored = thin_out(collection.correspondences)
-    _measure(collection.meshes[0], scored[0], options)
+    _measure(shapes[0], scored[0], options)
     names = ", ".join(collection.names[i] for i in left_out)
     print(f"Leaving out one at a time: {names}. Reference: {collection.names[0]}.", flush=True)
     results: dict[str | None, _Result] = {}
@@ -226,7 +236,7 @@ def _probed(collection: Bunch, options: argparse.Namespace) -> list[ProbedShape]
 def _usable(
     collection: Bunch, shapes: Sequence[ProbedShape | SkippedShape]
 ) -> tuple[Bunch, list[ProbedShape]]:
-    """Return the shapes that can be learned from; correspondences follow renumbered vertices."""
+    """Return the shapes that can be learned from."""
     kept = {i: shape for i, shape in enumerate(shapes) if not isinstance(shape, SkippedShape)}
     if len(kept) < len(shapes):
         names = [name for i, name in enumerate(collection.names) if i not in kept]
@@ -235,24 +245,8 @@ def _usable(
         raise ValueError(
             f"the main job needs a reference and at least two more shapes; {len(kept)} can be used."
         )
-    parts: dict[str, list[Any]] = {"meshes": [], "correspondences": [], "names": [], "shapes": []}
-    for i, usable in kept.items():
-        shape, truth = usable, collection.correspondences[i]
-        if shape.spectral.vertex_map is not None:
-            if i == 0:
-                raise MeshError(
-                    f"The vertices of the reference, {collection.names[0]}, would be renumbered, "
-                    "and matches refer to them. Mend it with skfmap.repair_mesh first, or choose "
-                    "another with --reference."
-                )
-            print(f"  mended: {collection.names[i]}", flush=True)
-            truth = truth.renumber(shape.spectral.vertex_map)
-            shape = replace(shape, spectral=replace(shape.spectral, vertex_map=None))
-        for key, part in zip(
-            parts, (shape.spectral.mesh, truth, collection.names[i], shape), strict=True
-        ):
-            parts[key].append(part)
-    return Bunch(**parts), parts["shapes"]
+    parts = {key: [collection[key][i] for i in kept] for key in ("correspondences", "names")}
+    return Bunch(**parts), list(kept.values())
 
 
 def _make_output(folder: Path) -> None:
@@ -263,13 +257,13 @@ def _make_output(folder: Path) -> None:
         raise ValueError(f"--output {folder} cannot hold the results: {error.strerror}.") from error
 
 
-def _measure(reference: Mesh, truth: Correspondence, options: argparse.Namespace) -> None:
+def _measure(reference: ProbedShape, truth: Correspondence, options: argparse.Namespace) -> None:
     """Compute the geodesic distances on the reference that all scores use."""
-    started = time.perf_counter()
+    started, spectral = time.perf_counter(), reference.spectral
     both = [truth.pairs] if truth.symmetric_pairs is None else [truth.pairs, truth.symmetric_pairs]
-    sources = np.unique(np.concatenate(both)[:, 0])
+    sources = np.unique(spectral.places_of(np.unique(np.concatenate(both)[:, 0]))[0])
     print(f"Geodesic distances from {len(sources)} vertices of {reference.name} ...", flush=True)
-    reference_distances(reference, memory=options.cache, n_jobs=options.jobs).rows(sources)
+    reference_distances(spectral.mesh, memory=options.cache, n_jobs=options.jobs).rows(sources)
     print(f"  {_since(started)}", flush=True)
 
 
@@ -278,13 +272,14 @@ def _transformers(options: argparse.Namespace) -> tuple[SpectralBasis, Descripto
     return (
         SpectralBasis(
             max(120, options.functions),
+            max_vertices=options.max_vertices,
             on_invalid=options.on_invalid,
             memory=options.cache,
             n_jobs=options.jobs,
         ),
         DescriptorTransformer(
             families,
-            on_invalid="raise" if options.on_invalid == "raise" else "skip",
+            on_invalid="skip" if options.on_invalid == "skip" else "raise",
             memory=options.cache,
             n_jobs=options.jobs,
         ),
@@ -325,12 +320,16 @@ def _cross_validate(
             learner.fit(*training)
             result.seconds.append(time.perf_counter() - started)
             for name, how in _MATCHINGS.items():
-                result.errors[name] += learner.pair_errors(
+                (errors,) = learner.pair_errors(
                     [shapes[i]], [scored[i]], reference_y=scored[0], **how
                 )
+                result.errors[name].append(errors_on_working_mesh(errors, shapes[i].spectral))
             if weighting == _SHOWN:
                 learner.set_params(confidence="cross-fit").fit(*training)
-                result.matches.extend(learner.match([shapes[i]]))
+                (match,) = learner.match([shapes[i]])
+                result.matches.append(
+                    drawn_on_working_meshes(match, shapes[i].spectral, shapes[0].spectral)
+                )
     return result
 
 
@@ -388,17 +387,22 @@ def _save(
     result, camera = results[_SHOWN], Camera(options.up)
     captions = [
         f"error {100 * errors.mean('direct'):.1f} % of sqrt(area)"
-        for errors in result.errors["soft"]
+        for errors in result.errors["refined"]
     ]
-    meshes = [collection.meshes[i] for i in left_out]
+    meshes = [shapes[i].spectral.mesh for i in left_out]
     plot_matches(
-        result.matches, meshes, collection.meshes[0], path=picture, camera=camera, captions=captions
+        result.matches,
+        meshes,
+        shapes[0].spectral.mesh,
+        path=picture,
+        camera=camera,
+        captions=captions,
     )
     learner = WeightedFunctionalMapLearner(
         n_functions=options.functions, memory=memory, n_jobs=options.jobs
     ).fit(shapes, collection.correspondences)
     evaluation = Evaluation(
-        meshes, result.matches, result.errors["soft"], results[None].errors["soft"]
+        meshes, result.matches, result.errors["refined"], results[None].errors["refined"]
     )
     write_report(learner, report, evaluation=evaluation, camera=camera)
     basis, probes, learner = (
@@ -407,7 +411,7 @@ def _save(
     basis.set_params(n_components=shapes[0].spectral.n_components)
     joblib.dump(make_pipeline(basis, probes, learner), model)
     print(f"\nReport, to open in a browser: {report}")
-    print(f"Picture of the matches (weighting {_SHOWN!r}, soft): {picture}")
+    print(f"Picture of the matches (weighting {_SHOWN!r}, refined): {picture}")
     print(f"Model trained on all {len(shapes)} shapes: {model}. To match a new shape with it:")
     print(f'    model = joblib.load("{model}"); matches = skfmap.match(model, ["new.ply"])')
 

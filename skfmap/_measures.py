@@ -29,12 +29,13 @@ from skfmap._tools.validation import (
 from skfmap.exceptions import CorrespondenceError, MeshError
 from skfmap.geometry.faults import count_components, edges_of, unreferenced_vertices
 from skfmap.geometry.geodesics import DISTANCES
-from skfmap.shapes import Correspondence, Mesh
+from skfmap.shapes import Correspondence, Mesh, SpectralShape
 
 __all__ = [
     "ERROR_KINDS",
     "GeodesicDistances",
     "PairErrors",
+    "PlaceDistances",
     "continuity",
     "coverage",
     "error_curve",
@@ -140,6 +141,11 @@ class GeodesicDistances:
                 self._rows = np.concatenate([self._rows, computed])
             return self._rows[self._row_of[sources]]
 
+    @property
+    def n_vertices(self) -> int:
+        """Number of vertices that there are distances between."""
+        return self.mesh.n_vertices
+
     def _vertices(self, numbers: object, who: str) -> IntArray:
         """Return vertex numbers: what lies beneath reads whatever memory a wrong one leads to."""
         array = as_array(numbers, who)
@@ -150,7 +156,7 @@ class GeodesicDistances:
                 f"{who} must be a 1-D array of vertex numbers; got {array.dtype} of shape "
                 f"{array.shape}."
             )
-        check_index_range(array, self.mesh.n_vertices, f"The {who}", ValueError)
+        check_index_range(array, self.n_vertices, f"The {who}", ValueError)
         return array.astype(np.int64)
 
     def _compute(self, sources: IntArray) -> Any:
@@ -163,6 +169,58 @@ class GeodesicDistances:
         few = self.method != "exact" and len(sources) * self.mesh.n_vertices < _FEW
         n_jobs = None if few else self.n_jobs
         return np.concatenate(map_shapes(_call, arguments, n_jobs=n_jobs, verbose=0))
+
+
+class PlaceDistances(GeodesicDistances):
+    """Distances between the vertices of a given mesh, measured on its working mesh.
+
+    Each vertex is at the place that the prolongation says: distances between the corners of two
+    faces are interpolated, and those of places whose faces touch are straight lines.
+
+    Parameters
+    ----------
+    shape : SpectralShape
+        The shape.
+    within : GeodesicDistances
+        On its working mesh.
+    """
+
+    def __init__(self, shape: SpectralShape, within: GeodesicDistances) -> None:
+        self.shape, self.within = shape, within
+        self.mesh = shape.mesh
+
+    @property
+    def n_vertices(self) -> int:
+        """Number of vertices of the given mesh."""
+        return self.shape.n_given
+
+    def between(self, points: object, sources: object) -> FloatArray:
+        """Return the distance of each given vertex from the one beside it; NaN without a place."""
+        points, sources = self._vertices(points, "points"), self._vertices(sources, "sources")
+        if self.shape.prolongation is None:
+            return self.within.between(points, sources)
+        (faces_a, weights_a), (faces_b, weights_b) = (
+            self.shape.places_of(one) for one in (points, sources)
+        )
+        at_a, at_b = (
+            np.einsum("nc,ncd->nd", weights, self.shape.vertices[corners])
+            for corners, weights in ((faces_a, weights_a), (faces_b, weights_b))
+        )
+        straight = np.linalg.norm(at_a - at_b, axis=1)
+        touch = (faces_a[:, :, None] == faces_b[:, None, :]).any(axis=(1, 2))
+        far = np.flatnonzero(~touch)
+        along = np.zeros(len(far))
+        for i in range(3):
+            for j in range(3):
+                weight = weights_a[far, i] * weights_b[far, j]
+                along += weight * self.within.between(faces_a[far, i], faces_b[far, j])
+        straight[far] = np.maximum(straight[far], along)
+        return np.where(self.shape.placed(points) & self.shape.placed(sources), straight, np.nan)
+
+    def rows(self, sources: IntArray) -> Any:
+        """Compute what the distances of all vertices from the sources are made of, in advance."""
+        corners = np.unique(self.shape.places_of(self._vertices(sources, "sources"))[0])
+        return self.within.rows(corners)
 
 
 def _check_surface(mesh: Mesh) -> None:
@@ -311,9 +369,9 @@ def pair_errors(
             )
     for pairs in (correspondence_0.pairs, correspondence_0.symmetric_pairs):
         if pairs is not None:
-            check_index_range(pairs[:, 0], distances.mesh.n_vertices, "The pairs of the reference")
+            check_index_range(pairs[:, 0], distances.n_vertices, "The pairs of the reference")
     p2p = _check_p2p(
-        p2p, distances.mesh.n_vertices, int(correspondence_i.pairs[:, 0].max(initial=-1)) + 1
+        p2p, distances.n_vertices, int(correspondence_i.pairs[:, 0].max(initial=-1)) + 1
     )
     keys, direct, weights = _mean_by_pair(
         p2p, correspondence_i, correspondence_0, distances, symmetric=False

@@ -34,6 +34,7 @@ def join_with_reference(
 ) -> JoinedPairs:
     """Return the pairs of vertices of a shape and of the reference.
 
+    Of many pairs around one vertex of the shape's working mesh those nearest to it are enough.
     Sharing no template point at all is an error that names both.
     """
     joined = truth.join(truth_0)
@@ -43,9 +44,26 @@ def join_with_reference(
             "point. Check that both are given on the same template (Correspondence.from_vertices "
             "or from_template?)."
         )
-    return joined
+    return _thinned_out(joined, shape)
 
 
+def _thinned_out(joined: JoinedPairs, shape: ProbedShape) -> JoinedPairs:
+    spectral = shape.spectral
+    if spectral.prolongation is None or len(joined.points) <= _AROUND * spectral.mesh.n_vertices:
+        return joined
+    corners, weights = spectral.places_of(joined.vertices_i)
+    largest = weights.max(axis=1)
+    at = np.take_along_axis(corners, weights.argmax(axis=1)[:, None], axis=1)[:, 0]
+    order = np.lexsort((-largest, at))
+    starts = np.searchsorted(at[order], at[order])  # where the pairs of the same vertex begin
+    kept = np.sort(order[np.arange(len(order)) - starts < _AROUND])
+    return JoinedPairs(
+        joined.vertices_i[kept], joined.vertices_0[kept], joined.points[kept], joined.weights[kept]
+    )
+
+
+# Pairs around each working vertex that known maps are made of: twice what they could tell apart.
+_AROUND = 2
 # Share of pairs that may be left out without a word: slips that a person would not look for.
 _MANY = 0.02
 
@@ -205,10 +223,10 @@ def _known_map(
     pairs = _Pairs(
         spectral.mesh,
         spectral.mass,
-        join.vertices_i,
+        spectral.working_vertices(join.vertices_i),
         join.weights,
-        spectral.evecs[join.vertices_i, :n_components],
-        spectral_0.evecs[join.vertices_0, :n_components],
+        spectral.evecs_at(join.vertices_i, n_components),
+        spectral_0.evecs_at(join.vertices_0, n_components),
         laplacian_mask(spectral.evals[:k], spectral_0.evals[:k]),
         np.array([k, n_distinct]),
     )
@@ -217,7 +235,7 @@ def _known_map(
 
 
 class _Pairs(NamedTuple):
-    """What a ground-truth map is made of."""
+    """What a ground-truth map is made of; ``vertices_i`` are those of the working mesh."""
 
     mesh: Mesh
     mass: FloatArray

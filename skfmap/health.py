@@ -1,24 +1,22 @@
 """What is wrong with a mesh, what it means for a functional map, and what can be mended."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
 
-from skfmap._tools.ties import first_of_largest
 from skfmap._tools.types import FloatArray, IntArray
 from skfmap._tools.validation import (
     LARGEST_AREA,
     LARGEST_COORDINATE,
     SMALLEST_AREA,
-    as_array,
-    as_reals,
     is_finite,
     label,
 )
 from skfmap.exceptions import MeshError
 from skfmap.geometry.faults import (
+    area_and_longest_edge,
     boundary_pieces,
     components,
     degenerate_faces,
@@ -32,17 +30,25 @@ from skfmap.geometry.faults import (
     sound_faces,
     unreferenced_vertices,
 )
+from skfmap.geometry.mending import mend
 from skfmap.geometry.orientation import orient_faces, signed_volume
-from skfmap.io import MeshLike, read_arrays
+from skfmap.io import MeshLike, as_arrays
 from skfmap.shapes import Mesh
 
-__all__ = ["Fault", "MeshReport", "Repair", "check_mesh", "repair_mesh"]
+__all__ = ["WOUND", "Fault", "MeshReport", "Repair", "check_mesh", "repair_arrays", "repair_mesh"]
 
 # A mesh this many times its extent away from the origin has lost six of sixteen digits of its
 # coordinates. Only a note hangs on it; other numbers were never tried.
 _FAR = 1e6
+# Spacing of numbers in single precision, as a share of their size.
+_SINGLE = float(np.finfo(np.float32).eps)
+# Spacing of numbers as a share of the mean edge from which vertices have run into each other.
+_STEP_OF_EDGE = 0.25
 # Share of the vertices that a repair may remove before it asks whether the mesh is whole; a guess.
 _MANY_REMOVED = 0.2
+
+WOUND = "wound the faces consistently and outwards"
+"""What is done without a word: vertices keep their numbers."""
 
 
 @dataclass(frozen=True)
@@ -53,16 +59,17 @@ class Fault:
     ----------
     kind : str
         What it is.
-    level : {"fatal", "robust", "mended", "note"}
-        ``"fatal"``: `SpectralBasis` refuses the mesh. ``"robust"``: it refuses it unless
-        ``laplacian="robust"``. ``"mended"``: it puts that right by itself, vertices keep their
-        numbers. ``"note"``: it is accepted.
+    level : {"fatal", "mended", "note"}
+        ``"fatal"``: the mesh cannot be used. ``"mended"``: `repair_mesh` puts that right.
+        ``"note"``: it is accepted.
     count : int
         How often.
     first : int or None
         The first vertex or face concerned.
     meaning : str
         What it means here, and what to do.
+    refused_by : tuple of str
+        The Laplacians with which `SpectralBasis` refuses a mesh that has it and is not mended.
     """
 
     kind: str
@@ -70,6 +77,7 @@ class Fault:
     count: int
     first: int | None
     meaning: str
+    refused_by: tuple[str, ...] = ()
 
     def __str__(self) -> str:
         """Return one line."""
@@ -97,18 +105,32 @@ class MeshReport:
     n_faces: int
     faults: tuple[Fault, ...]
 
-    def usable(self, laplacian: str = "cotangent") -> bool:
-        """Return whether `SpectralBasis` takes the mesh as it is, with this Laplacian."""
-        refused = ("fatal", "robust") if laplacian == "cotangent" else ("fatal",)
-        return not any(fault.level in refused for fault in self.faults)
+    def usable(self, laplacian: str = "cotangent", on_invalid: str = "mend") -> bool:
+        """Return whether `SpectralBasis` takes the mesh with this Laplacian.
+
+        Parameters
+        ----------
+        laplacian : {"cotangent", "robust"}, default="cotangent"
+            Its Laplacian.
+        on_invalid : str, default="mend"
+            With ``"raise"``, as it is; with anything else, once it is mended.
+        """
+        if on_invalid != "raise":
+            return not any(fault.level == "fatal" for fault in self.faults)
+        return not any(laplacian in fault.refused_by for fault in self.faults)
 
     def __str__(self) -> str:
         """Return a line for the mesh, and one for each fault."""
+        levels = {fault.level for fault in self.faults}
         verdict = (
-            "sound" if not self.faults else "usable" if self.usable() else "not usable as it is"
+            "not usable"
+            if "fatal" in levels
+            else "usable once it is mended"
+            if "mended" in levels
+            else "usable"
+            if levels
+            else "sound"
         )
-        if not self.usable() and self.usable("robust"):
-            verdict = "usable with SpectralBasis(laplacian='robust')"
         head = f"{label(self.name)}: {self.n_vertices} vertices, {self.n_faces} faces, {verdict}"
         return "\n".join([head, *(f"  {fault}" for fault in self.faults)])
 
@@ -135,89 +157,88 @@ def check_mesh(mesh: MeshLike) -> MeshReport:
     >>> from skfmap import check_mesh
     >>> vertices = [[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1], [9, 9, 9]]
     >>> print(check_mesh((vertices, [[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]])))
-    mesh: 5 vertices, 4 faces, not usable as it is
-      [fatal] unreferenced vertices (1, the first is 4): no face uses them, so that no function is
-      defined there. \
-repair_mesh removes them and says how the others are renumbered.
+    mesh: 5 vertices, 4 faces, usable once it is mended
+      [mended] unreferenced vertices (1, the first is 4): no face uses them, so that no function is
+      defined there; they are left out, and have no match.
     """
     try:
         vertices, faces, name = _raw(mesh)
-    except (MeshError, OSError) as error:
+    except (MeshError, OSError, TypeError) as error:
         name = Path(mesh).stem if isinstance(mesh, (str, Path)) else getattr(mesh, "name", None)
-        return MeshReport(name, 0, 0, (Fault("unreadable", "fatal", 1, None, str(error)),))
+        return MeshReport(name, 0, 0, (_fatal("unreadable", str(error)),))
     found = _faults_of_arrays(vertices, faces)
     sound = sound_faces(vertices, faces)
     if len(vertices) and sound.any():
         found += _faults_of_surface(vertices, faces[sound])
-    order = ("fatal", "robust", "mended", "note")
+    elif not any(fault.level == "fatal" for fault in found):
+        found.append(_fatal("nothing is left", "none of the faces is sound; leave the shape out."))
+    order = ("fatal", "mended", "note")
     faults = tuple(sorted(found, key=lambda one: order.index(one.level)))
     return MeshReport(name, len(vertices), len(faces), faults)
 
 
 def _raw(mesh: MeshLike) -> tuple[FloatArray, IntArray, str | None]:
     """Return vertices, faces and name, not checked."""
-    name = getattr(mesh, "name", None)
-    if isinstance(mesh, (str, Path)):
-        name, mesh = Path(mesh).stem, read_arrays(mesh)
-    if isinstance(mesh, (tuple, list)) and len(mesh) == 2:
-        given = mesh[0], mesh[1]
-    else:
-        given = getattr(mesh, "vertices", None), getattr(mesh, "faces", None)
-    vertices = as_reals(given[0], f"The vertices of {label(name)}", MeshError)
-    faces = as_array(given[1], f"The faces of {label(name)}", MeshError)
-    vertices, faces = (
-        array.reshape(0, 3) if array.size == 0 else array for array in (vertices, faces)
-    )
-    if vertices.ndim != 2 or vertices.shape[1] != 3 or faces.ndim != 2 or faces.shape[1] != 3:
-        raise MeshError(
-            f"{label(name)} must have vertices of shape (n, 3) and triangles of shape (m, 3); got "
-            f"{vertices.shape} and {faces.shape}. Triangulate it first."
-        )
-    if faces.size and not np.issubdtype(faces.dtype, np.integer):
-        raise MeshError(f"The faces of {label(name)} must be integers; got dtype {faces.dtype}.")
-    return vertices, faces.astype(np.int64), name if isinstance(name, str) else None
+    name = Path(mesh).stem if isinstance(mesh, (str, Path)) else getattr(mesh, "name", None)
+    given = as_arrays(mesh)
+    return *((given.vertices, given.faces) if isinstance(given, Mesh) else given), name
 
 
-def _fault(kind: str, level: str, where: npt.ArrayLike, meaning: str) -> list[Fault]:
+_ALL = ("cotangent", "robust")
+
+
+def _fatal(kind: str, meaning: str) -> Fault:
+    return Fault(kind, "fatal", 1, None, meaning, _ALL)
+
+
+def _fault(
+    kind: str, level: str, where: npt.ArrayLike, meaning: str, refused_by: tuple[str, ...] = ()
+) -> list[Fault]:
     """Return a fault of the vertices or faces with these indices, if there are any."""
     indices = np.asarray(where).ravel()
-    return [Fault(kind, level, len(indices), int(indices[0]), meaning)] if len(indices) else []
+    if len(indices) == 0:
+        return []
+    return [Fault(kind, level, len(indices), int(indices[0]), meaning, refused_by)]
 
 
 def _faults_of_arrays(vertices: FloatArray, faces: IntArray) -> list[Fault]:
     """Return what is wrong with the numbers themselves."""
     if len(vertices) == 0 or len(faces) == 0:
         what = "vertices" if len(vertices) == 0 else "faces"
-        return [Fault("empty", "fatal", 1, None, f"there are no {what}; leave the shape out.")]
+        return [_fatal("empty", f"there are no {what}; leave the shape out.")]
     outside = ((faces < 0) | (faces >= len(vertices))).any(axis=1)
     inside = faces[~outside]
     return [
         *_fault(
             "vertices with NaN or infinite coordinates",
-            "fatal",
+            "mended",
             np.flatnonzero(~is_finite(vertices)),
-            f"or beyond {LARGEST_COORDINATE:.0e}, where areas overflow. repair_mesh removes them "
-            "and their faces.",
+            f"or beyond {LARGEST_COORDINATE:.0e}, where areas overflow. They and their faces are "
+            "left out, and have no match.",
+            _ALL,
         ),
         *_fault(
             "faces with indices out of range",
-            "fatal",
+            "mended",
             np.flatnonzero(outside),
             f"there are {len(vertices)} vertices (0 to {len(vertices) - 1}); a file that counts "
-            "from 1? repair_mesh removes these faces.",
+            "from 1? These faces are left out.",
+            _ALL,
         ),
         *_fault(
             "faces that name a vertex twice",
-            "fatal",
+            "mended",
             repeated_corners(faces),
-            "they are no triangles. repair_mesh removes them; vertices keep their numbers.",
+            "they are no triangles, and are left out.",
+            _ALL,
         ),
         *_fault(
             "unreferenced vertices",
-            "fatal",
+            "mended",
             unreferenced_vertices(inside, len(vertices)),
-            "no face uses them, so that no function is defined there. repair_mesh removes them "
-            "and says how the others are renumbered.",
+            "no face uses them, so that no function is defined there; they are left out, and have "
+            "no match.",
+            _ALL,
         ),
     ]
 
@@ -227,43 +248,52 @@ def _faults_of_surface(vertices: FloatArray, faces: IntArray) -> list[Fault]:
     used = np.unique(faces)
     points = vertices[used]
     local = np.searchsorted(used, faces)
-    if extreme := _faults_of_scale(points, local):
-        return extreme
+    if hopeless := _hopeless(points, local):
+        return hopeless
+    tally = mend(points, local).tally
     return [
         *_faults_of_distance(points),
         *_faults_of_pieces(used, local),
         *_fault(
             "faces without area",
-            "robust",
+            "mended",
             degenerate_faces(points, local),
-            "their angles are unknown; laplacian='robust' copes.",
+            "their angles are unknown. Where two vertices lie at one place they are merged; "
+            "otherwise the longest edge is flipped.",
+            ("cotangent",),
         ),
         *_fault(
             "edges with more than two faces",
-            "robust",
+            "mended",
             [used[edge[0]] for edge in nonmanifold_edges(local)],
-            "the surface branches there; laplacian='robust' copes, without oriented probes if the "
-            "faces cannot be wound consistently.",
+            "the surface branches there. The two faces that continue each other best are kept "
+            "together, and the others cut free.",
+            ("cotangent",),
         ),
         *_fault(
             "faces that stand there twice",
-            "robust",
+            "mended",
             duplicate_faces(local),
-            "a sheet that covers another counts its area twice. repair_mesh keeps the first; "
-            "vertices keep their numbers.",
+            "a sheet that covers another counts its area twice; it is cut free or left out.",
         ),
         *_fault(
             "vertices where parts of the surface touch in a point",
-            "note",
+            "mended",
             used[nonmanifold_vertices(local, len(used))],
-            "accepted; functions are continuous there, and curvature means little.",
+            "functions would be continuous there; the parts are given a vertex each.",
+        ),
+        *_fault(
+            "seams",
+            "mended",
+            np.full(int(tally.get("seam edges", 0)), -1),
+            "edges of a rim that lie on each other, across which functions would jump; they are "
+            "joined, and vertices at the same place merged.",
         ),
         *_fault(
             "vertices at the same place as another",
             "note",
             used[duplicate_vertices(points)],
-            "accepted; where they split the surface along a seam, functions may jump across it. "
-            "repair_mesh merges them if that joins components.",
+            "accepted; they are merged where that closes a seam.",
         ),
         *_fault(
             "slivers",
@@ -271,20 +301,49 @@ def _faults_of_surface(vertices: FloatArray, faces: IntArray) -> list[Fault]:
             slivers(points, local),
             "accepted; curvature is noisy there. Many of them: remesh, or laplacian='robust'.",
         ),
-        *_faults_of_sides(points, local),
+        *_faults_of_sides(points, local, tally),
         *_faults_of_boundary(local),
     ]
 
 
-def _faults_of_scale(points: FloatArray, faces: IntArray) -> list[Fault]:
+def _hopeless(points: FloatArray, faces: IntArray) -> list[Fault]:
+    """Return what no mending helps against."""
     with np.errstate(all="ignore"):
-        corners = points[faces]
-        crosses = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-        area = float(np.linalg.norm(crosses, axis=1).sum() / 2)
+        area, longest = area_and_longest_edge(points, faces)
+        total, edge = float(area.sum()), float(longest.mean() ** 0.5)
+        return _faults_of_precision(points, faces, total, edge) or _faults_of_scale(total)
+
+
+def _faults_of_scale(area: float) -> list[Fault]:
     if SMALLEST_AREA < area < LARGEST_AREA:
         return []
     meaning = f"the area is {area:.2g}, too extreme to compute with; choose another unit of length."
-    return [Fault("extreme scale", "fatal", 1, None, meaning)]
+    return [_fatal("extreme scale", meaning)]
+
+
+def _faults_of_precision(
+    points: FloatArray, faces: IntArray, area: float, edge: float
+) -> list[Fault]:
+    """Find coordinates that lie on a grid, as numbers in single precision are as far apart."""
+    size = np.abs(points).max(axis=0)
+    step = _SINGLE * size / 2
+    values = [np.unique(points[:, axis]) for axis in range(3)]
+    far = [
+        axis
+        for axis in np.flatnonzero((step >= _STEP_OF_EDGE * edge) & (edge > 0))
+        if (np.diff(values[axis]) >= step[axis] / 2).all() and (len(values[axis]) > 1 or area == 0)
+    ]
+    if not far:
+        return []
+    axis = max(far, key=lambda one: float(step[one]))
+    meaning = (
+        "the mesh lies so far from the origin that single precision has merged its vertices "
+        f"(numbers near {size[axis]:.2g} are {step[axis]:.1g} or more apart, edges are {edge:.1g} "
+        "long): subtract an offset before saving."
+    )
+    flat = len(degenerate_faces(points, faces)) > 0
+    refused_by = _ALL if area == 0 else ("cotangent",) if flat else ()
+    return [Fault("coordinates without digits", "fatal", 1, None, meaning, refused_by)]
 
 
 def _faults_of_distance(points: FloatArray) -> list[Fault]:
@@ -305,19 +364,17 @@ def _faults_of_pieces(used: IntArray, faces: IntArray) -> list[Fault]:
         return []
     meaning = (
         f"the largest has {counts.max() / len(used):.0%} of the vertices; a functional map cannot "
-        "relate components. repair_mesh merges duplicate vertices if that joins them, and keeps "
-        "the largest."
+        "relate pieces. Those that a seam parts are joined, and the one of most area is kept."
     )
-    return [Fault("connected components", "fatal", len(counts), None, meaning)]
+    return [Fault("connected components", "mended", len(counts), None, meaning, _ALL)]
 
 
-def _faults_of_sides(points: FloatArray, faces: IntArray) -> list[Fault]:
+def _faults_of_sides(points: FloatArray, faces: IntArray, tally: dict[str, float]) -> list[Fault]:
     _, consistent, outward = orient_faces(points, faces)
     if not consistent:
-        meaning = "there is no outside (as on a Moebius band); use DescriptorTransformer('paper')."
-        return [Fault("cannot be wound consistently", "note", 1, None, meaning)]
+        return _faults_of_twists(faces, tally)
     if not is_wound_consistently(faces):
-        meaning = "faces are turned; vertices keep their numbers."
+        meaning = "faces are turned."
         return [Fault("inconsistent winding", "mended", 1, None, meaning)]
     if not outward:
         meaning = (
@@ -325,9 +382,23 @@ def _faults_of_sides(points: FloatArray, faces: IntArray) -> list[Fault]:
         )
         return [Fault("encloses no volume", "note", 1, None, meaning)]
     if signed_volume(points, faces) < 0:
-        meaning = "faces are turned outwards; vertices keep their numbers."
+        meaning = "faces are turned outwards."
         return [Fault("inside out", "mended", 1, None, meaning)]
     return []
+
+
+def _faults_of_twists(faces: IntArray, tally: dict[str, float]) -> list[Fault]:
+    n_twisted = int(tally.get("twisted faces", 0))
+    if n_twisted:
+        meaning = (
+            f"without {n_twisted} faces ({tally['twisted area']:.1g} of the area) the rest has an "
+            "outside; they are left out."
+        )
+        return [Fault("cannot be wound consistently", "mended", n_twisted, None, meaning)]
+    if len(nonmanifold_edges(faces)):
+        return []  # their faces are wound once these edges are mended
+    meaning = "there is no outside (as on a Moebius band); use DescriptorTransformer('paper')."
+    return [Fault("cannot be wound consistently", "note", 1, None, meaning)]
 
 
 def _faults_of_boundary(faces: IntArray) -> list[Fault]:
@@ -347,29 +418,47 @@ class Repair:
     mesh : Mesh
         The mended mesh.
     vertex_map : ndarray of int, shape (n_vertices,)
-        New number of each vertex of the mesh that was given; -1 where it was removed.
+        New number of each vertex of the mesh that was given; -1 where it was removed. The mended
+        mesh may have further vertices, copies of some of these, at its end.
     done : tuple of str
         What was done; empty if there was nothing to do.
+    tally : dict of str to float
+        The same in numbers.
     """
 
     mesh: Mesh
     vertex_map: IntArray
     done: tuple[str, ...]
+    tally: dict[str, float] = field(default_factory=dict)
 
     @property
     def renumbered(self) -> bool:
-        """Whether any vertex has another number than before, or none."""
-        return not np.array_equal(self.vertex_map, np.arange(len(self.vertex_map)))
+        """Whether any vertex has another number than before, or none, or is new."""
+        return self.mesh.n_vertices != len(self.vertex_map) or not np.array_equal(
+            self.vertex_map, np.arange(len(self.vertex_map))
+        )
 
 
 def repair_mesh(mesh: MeshLike) -> Repair:
     """Mend what can be mended, and say what was done.
 
-    In this order: faces that are no triangles, lead nowhere or stand there twice are removed;
-    duplicate vertices are merged if that joins components; the component of most area is kept;
-    vertices that no face uses are removed; faces are wound consistently and outwards. No vertex is
-    moved. Faces without area and edges with more than two faces are left as they are: the robust
-    Laplacian copes with them.
+    In this order:
+
+    1. Faces that are no triangles, or lead to no vertex or to one with NaN, are removed, and so are
+       faces that stand there twice.
+    2. Of a face without area, vertices at one place are merged, or the longest edge is flipped.
+    3. At an edge with more than two faces the two that continue each other best stay together; the
+       others are paired likewise, or cut free.
+    4. Seams and cracks are closed: edges of a rim that lie on each other are joined, and their
+       vertices merged. Vertices that merely touch are not.
+    5. Where parts of the surface touch in a point, each has a vertex of its own.
+    6. If a few faces (1 % of the area) are all that keeps the others from being wound consistently,
+       they are left out.
+    7. The piece of most area is kept, and the others, debris, are left out.
+    8. Vertices that no face uses are removed; faces are wound consistently and outwards.
+
+    No vertex is moved (where a crack is closed, its first vertex stands for all). A mended mesh is
+    mended no further.
 
     Parameters
     ----------
@@ -385,7 +474,8 @@ def repair_mesh(mesh: MeshLike) -> Repair:
     Raises
     ------
     MeshError
-        If nothing is left, or if the mesh cannot be read.
+        If nothing is left, if the mesh cannot be read, or if its coordinates have lost their
+        digits.
 
     See Also
     --------
@@ -401,81 +491,57 @@ def repair_mesh(mesh: MeshLike) -> Repair:
     >>> repair.done
     ('removed 1 vertices that no face used',)
     """
-    vertices, faces, name = _raw(mesh)
-    done: list[str] = []
-    target = np.arange(len(vertices))
-    for step in (_drop_unsound, _drop_twice, _merge_seams, _keep_largest):
-        faces, target, told = step(vertices, faces, target)
-        done += told
-        if len(faces) == 0:
-            raise MeshError(
-                f"Nothing is left of {label(name)}: {'; '.join(done) or 'it has no faces'}. Leave "
-                "it out."
-            )
-    used = np.unique(faces)
-    renumber = np.full(len(vertices) + 1, -1)
-    renumber[used] = np.arange(len(used))
-    vertex_map = renumber[target]
-    n_dropped = int((vertex_map < 0).sum())
+    return repair_arrays(*_raw(mesh))
+
+
+def repair_arrays(vertices: FloatArray, faces: IntArray, name: str | None) -> Repair:
+    """Mend vertices and faces, which messages call ``name``; see `repair_mesh`."""
+    sound = sound_faces(vertices, faces)
+    done = []
+    if not sound.all():
+        n_lost = int((~sound).sum())
+        done.append(f"removed {n_lost} faces that were no triangles or led nowhere")
+        faces = faces[sound]
+    if len(faces) and (hopeless := _hopeless_of(vertices, faces)):
+        raise MeshError(f"{label(name)} cannot be mended: {hopeless}")
+    mended = mend(vertices, faces)
+    done += _told(mended.tally)
+    if len(mended.faces) == 0:
+        raise MeshError(
+            f"Nothing is left of {label(name)}: {'; '.join(done) or 'it has no faces'}. Leave it "
+            "out."
+        )
+    n_dropped = int((mended.vertex_map < 0).sum())
     if n_dropped:
         share = n_dropped / len(vertices)
         doubt = f" ({share:.0%} of all: is the mesh whole?)" if share > _MANY_REMOVED else ""
         done.append(f"removed {n_dropped} vertices that no face used{doubt}")
-    points, faces = vertices[used], renumber[faces]
-    wound, _, _ = orient_faces(points, faces)
-    if not np.array_equal(wound, faces):
-        done.append("wound the faces consistently and outwards")
-    return Repair(Mesh(points, wound, name), vertex_map, tuple(done))
+    wound, _, _ = orient_faces(mended.vertices, mended.faces, mended.edges)
+    if "turned faces" in mended.tally or wound is not mended.faces:
+        done.append(WOUND)
+    mesh = Mesh(mended.vertices, wound, name)
+    return Repair(mesh, mended.vertex_map, tuple(done), mended.tally)
 
 
-_Step = tuple[IntArray, IntArray, list[str]]
+def _hopeless_of(vertices: FloatArray, faces: IntArray) -> str:
+    unused = unreferenced_vertices(faces, len(vertices))
+    if len(unused):
+        used = np.delete(np.arange(len(vertices)), unused)
+        vertices, faces = vertices[used], np.searchsorted(used, faces)
+    return "; ".join(fault.meaning for fault in _hopeless(vertices, faces))
 
 
-def _drop_unsound(vertices: FloatArray, faces: IntArray, target: IntArray) -> _Step:
-    sound = sound_faces(vertices, faces)
-    n_lost = int((~sound).sum())
-    told = [f"removed {n_lost} faces that were no triangles or led nowhere"] if n_lost else []
-    return faces[sound], target, told
-
-
-def _drop_twice(vertices: FloatArray, faces: IntArray, target: IntArray) -> _Step:  # noqa: ARG001
-    twice = duplicate_faces(faces)
-    told = [f"removed {len(twice)} faces that stood there twice"] if len(twice) else []
-    return np.delete(faces, twice, axis=0), target, told
-
-
-def _merge_seams(vertices: FloatArray, faces: IntArray, target: IntArray) -> _Step:
-    """Merge vertices with the same coordinates if that joins components."""
-    used = np.unique(faces)
-    before = len(np.unique(components(faces, len(vertices))[used]))
-    _, first, point = np.unique(vertices[used], axis=0, return_index=True, return_inverse=True)
-    if before == 1 or len(first) == len(used):
-        return faces, target, []
-    merged = np.arange(len(vertices))
-    merged[used] = used[first][point.ravel()]
-    joined = merged[faces]
-    joined = np.delete(joined, repeated_corners(joined), axis=0)
-    joined = np.delete(joined, duplicate_faces(joined), axis=0)
-    after = len(np.unique(components(joined, len(vertices))[np.unique(joined)]))
-    if after == before:
-        return faces, target, []
-    n = len(used) - len(first)
-    told = f"merged {n} duplicate vertices, which joined {before} components to {after}"
-    return joined, merged[target], [told]
-
-
-def _keep_largest(vertices: FloatArray, faces: IntArray, target: IntArray) -> _Step:
-    piece = components(faces, len(vertices))[faces[:, 0]]
-    corners = vertices[faces]
-    areas = np.linalg.norm(
-        np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1
-    )
-    numbers, inverse = np.unique(piece, return_inverse=True)
-    if len(numbers) == 1:
-        return faces, target, []
-    sizes = np.asarray(np.bincount(inverse, areas), dtype=np.float64)
-    largest = first_of_largest(sizes)  # of a pair of equal size, the one that comes first
-    kept = inverse == largest
-    share = areas[kept].sum() / max(areas.sum(), 1e-300)  # there may be no area at all
-    told = f"kept the largest of {len(numbers)} components, {share:.1%} of the area"
-    return faces[kept], target, [told]
+def _told(tally: dict[str, float]) -> list[str]:
+    """Return in words what was done."""
+    lost = tally.get("debris", 0)
+    words = {
+        "faces twice": "removed {:.0f} faces that stood there twice",
+        "flat faces": "mended {:.0f} faces without area",
+        "crowded edges": "parted the surface at {:.0f} edges with more than two faces",
+        "seam edges": "joined {:.0f} edges along seams",
+        "merged vertices": "merged {:.0f} duplicate vertices",
+        "touching vertices": "parted the surface at {:.0f} vertices where it touched itself",
+        "twisted faces": "left out {:.0f} faces around which no winding is consistent",
+        "pieces": f"kept the largest of {{:.0f}} pieces, {1 - lost:.1%} of the area",
+    }
+    return [form.format(tally[what]) for what, form in words.items() if what in tally]

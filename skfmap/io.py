@@ -15,20 +15,30 @@ from typing import Any, Protocol, TypeAlias, TypeGuard, cast
 import numpy as np
 import numpy.typing as npt
 
+from skfmap._tools.caching import hash_of_arrays
 from skfmap._tools.types import FloatArray, IntArray
-from skfmap._tools.validation import check_folder, check_samples, is_finite, label
+from skfmap._tools.validation import (
+    as_array,
+    as_reals,
+    check_folder,
+    check_samples,
+    is_finite,
+    label,
+)
 from skfmap.exceptions import MeshError
 from skfmap.geometry.faults import sound_faces
-from skfmap.shapes import Mesh, SkippedShape
+from skfmap.shapes import GivenMesh, Mesh, SkippedShape
 
 __all__ = [
     "MESH_SUFFIXES",
+    "as_arrays",
     "as_far_as_sound",
     "as_mesh",
     "as_meshes",
     "check_meshes",
     "n_vertices_of",
     "named",
+    "open_given",
     "read_arrays",
     "read_mesh",
     "write_mesh",
@@ -242,7 +252,7 @@ def as_mesh(item: MeshLike, index: int | None = None) -> Mesh:
         where = "" if index is None else f"X[{index}], "
         raise MeshError(
             f"{where}{label(item.name, 'shape')} was left out before: {item.reason} Leave it out "
-            "here too; SpectralBasis(on_invalid='skip'), or 'repair', passes it on."
+            "here too; SpectralBasis(on_invalid='skip') passes it on."
         )
     name = None if index is None else f"shape {index}"
     if _is_trimesh(item):
@@ -260,6 +270,53 @@ def as_mesh(item: MeshLike, index: int | None = None) -> Mesh:
 def as_meshes(X: Sequence[MeshLike]) -> list[Mesh]:
     """Return the meshes of ``X``; raise for one bare mesh, (vertices, faces) pair or path."""
     return [as_mesh(item, i) for i, item in enumerate(check_meshes(X))]
+
+
+def as_arrays(item: MeshLike, index: int | None = None) -> Mesh | tuple[FloatArray, IntArray]:
+    """Return the vertices and faces of a mesh, sound or not; a `Mesh`, which is, as it is.
+
+    What has no vertices and faces of the right kind at all is an error, as for `as_mesh`.
+    """
+    if isinstance(item, (Mesh, SkippedShape)):
+        return as_mesh(item, index)
+    who = label(None if index is None else named(item, index))
+    if isinstance(item, (str, Path)):
+        vertices, faces = read_arrays(item)
+    elif _is_trimesh(item):
+        vertices, faces = item.vertices, item.faces
+    elif isinstance(item, (tuple, list)) and len(item) == 2:
+        vertices, faces = cast("tuple[FloatArray, IntArray]", item)
+    else:
+        as_mesh(item, index)  # says what it is
+    points = as_reals(vertices, f"The vertices of {who}", MeshError)
+    triangles = as_array(faces, f"The faces of {who}", MeshError)
+    points = points.reshape(0, 3) if points.size == 0 else points
+    triangles = triangles.reshape(0, 3) if triangles.size == 0 else triangles
+    if points.ndim != 2 or points.shape[1] != 3 or triangles.ndim != 2 or triangles.shape[1] != 3:
+        raise MeshError(
+            f"{who} must have vertices of shape (n, 3) and triangles of shape (m, 3); got "
+            f"{points.shape} and {triangles.shape}. Triangulate it first."
+        )
+    if triangles.size and not np.issubdtype(triangles.dtype, np.integer):
+        raise MeshError(f"The faces of {who} must be integers; got dtype {triangles.dtype}.")
+    return points, triangles.astype(np.int64)
+
+
+def open_given(given: GivenMesh) -> Mesh | tuple[FloatArray, IntArray]:
+    """Return the mesh that a shape came as; a MeshError where it is another by now, or gone."""
+    if given.source is None:
+        raise MeshError(
+            f"The mesh that {label(given.name)} came as is not kept. Transform it again."
+        )
+    mesh = as_arrays(given.source)
+    vertices, faces = (mesh.vertices, mesh.faces) if isinstance(mesh, Mesh) else mesh
+    if hash_of_arrays(vertices, faces) != given.content_hash:
+        raise MeshError(
+            f"{label(given.name)} has changed since its basis was computed"
+            + (f" ({given.source})" if isinstance(given.source, (str, Path)) else "")
+            + ". Transform it again."
+        )
+    return mesh
 
 
 def check_meshes(X: Sequence[MeshLike]) -> list[MeshLike]:

@@ -17,7 +17,14 @@ import scipy.sparse as sp
 
 from skfmap._tools.validation import check_folder
 from skfmap.exceptions import OutdatedModelError
-from skfmap.shapes import Correspondence, Mesh, ProbedShape, SpectralShape
+from skfmap.shapes import (
+    Correspondence,
+    GivenMesh,
+    Mesh,
+    ProbedShape,
+    Prolongation,
+    SpectralShape,
+)
 
 __all__ = ["TRUSTED_TYPES", "load_model", "save_model"]
 
@@ -47,6 +54,8 @@ TRUSTED_TYPES = (
     "skfmap.shapes.correspondence.Correspondence",
     "skfmap.shapes.mesh.Mesh",
     "skfmap.shapes.probed_shape.ProbedShape",
+    "skfmap.shapes.given_mesh.GivenMesh",
+    "skfmap.shapes.prolongation.Prolongation",
     "skfmap.shapes.spectral_shape.SpectralShape",
     # As files of 0.1.0 name them (skfmap.learner.legacy).
     "skfmap._bridge.Across",
@@ -71,7 +80,10 @@ TRUSTED_TYPES = (
 
 _PLAIN_TYPES = {
     *(f"builtins.{name}" for name in ("bool", "dict", "float", "int", "list", "str", "tuple")),
-    *(f"numpy.{name}" for name in ("bool", "dtype", "float64", "int32", "int64", "ndarray")),
+    *(
+        f"numpy.{name}"
+        for name in ("bool", "dtype", "float32", "float64", "int32", "int64", "ndarray")
+    ),
     "sklearn.pipeline.Pipeline",
 }
 # The ways of skops to make an object from a file. Those that call a function that the file names
@@ -299,8 +311,19 @@ def _check_parts(model: Any) -> None:
             _check_sizes(part.evecs, (n, k), "eigenfunctions")
             _check_sizes(part.mass, (n,), "mass")
             _check_sizes(part.stiffness, (n, n), "stiffness")
+            if part.prolongation is not None:
+                _check_prolongation(part.prolongation, part.mesh.n_faces)
+        elif isinstance(part, GivenMesh) and isinstance(part.source, (str, Path)):
+            raise ValueError(f"the given mesh is to be read from another file, {part.source!r}")
         elif isinstance(part, ProbedShape):
             _check_sizes(part.probes, (len(part.spectral.evals), len(part.probe_names)), "probes")
+
+
+def _check_prolongation(prolongation: Prolongation, n_faces: int) -> None:
+    face, n = prolongation.face, len(prolongation.face)
+    _check_sizes(prolongation.coordinates, (n, 2), "places")
+    if face.shape != (n,) or face.dtype.kind != "i" or not ((face >= -1) & (face < n_faces)).all():
+        raise ValueError(f"the places are not on the {n_faces} faces of the working mesh")
 
 
 def _forget_what_is_derived(part: Any) -> None:

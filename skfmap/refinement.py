@@ -9,14 +9,16 @@ from collections.abc import Iterator
 from typing import NamedTuple, Protocol
 
 import numpy as np
-from sklearn.neighbors import NearestNeighbors
 
+from skfmap._tools.parallel import threads_within
 from skfmap._tools.part import Part
 from skfmap._tools.types import FloatArray, IntArray
 from skfmap._tools.validation import check_number
 from skfmap.functional.embedding import spectral_embeddings
+from skfmap.functional.neighbours import nearest_both
 from skfmap.functional.refinement import map_from_point_maps, nearest_orthogonal
 from skfmap.functional.residuals import trusted_functions
+from skfmap.functional.samples import areas_of_samples, farthest_points
 from skfmap.shapes import ProbedShape, SpectralShape
 
 __all__ = [
@@ -31,9 +33,11 @@ __all__ = [
     "rematch_points",
 ]
 
-# Share of a squared length within which squared distances are equal: what different kernels of the
-# linear algebra leave on bodies of 5,000 vertices is a hundredth of it.
-_ROUNDING = 1e-9
+
+# Share of its way by which each step of `BijectiveZoomOut` goes on beyond the map that was fitted:
+# below 1, up to which the sum that it lowers cannot rise. Errors of cats left out are 0.0180 with
+# 0, 0.0178 with 0.5, 0.7 and 0.9; at 1.5 maps are lost.
+_BEYOND = 0.7
 
 
 class PointMatch(NamedTuple):
@@ -139,23 +143,10 @@ def _nearest_both(
     points_i, points_0 = spectral_embeddings(
         spectral.evecs[:, :n], spectral_0.evecs[:, :n], C, functions
     )
-    return points_i, points_0, nearest(points_i, points_0), nearest(points_0, points_i)
-
-
-def nearest(points: FloatArray, targets: FloatArray) -> IntArray:
-    """Return the nearest target of each point.
-
-    The first of those that are as near but for rounding.
-    """
-    neighbours = NearestNeighbors(n_neighbors=min(2, len(targets)), algorithm="brute").fit(targets)
-    distances, found = neighbours.kneighbors(points)
-    # Squared distances that come from a matrix product are off by rounding of this size.
-    slack = _ROUNDING * np.square(points).sum(axis=1)
-    first = np.array(found[:, 0], dtype=np.int64)
-    for row in np.flatnonzero(np.ptp(np.square(distances), axis=1) <= slack):
-        squared = np.square(targets - points[row]).sum(axis=1)
-        first[row] = np.argmax(squared <= squared.min() + slack[row])
-    return first
+    if not (np.isfinite(points_i).all() and np.isfinite(points_0).all()):
+        raise ValueError("C and functions must be finite; they hold NaN, or values that overflow.")
+    both = nearest_both(points_i, points_0, n_threads=threads_within())
+    return points_i, points_0, *both
 
 
 class Refinement(Part, ABC):
@@ -257,7 +248,8 @@ class ZoomOut(Refinement):
 class BijectiveZoomOut(Refinement):
     """Fit maps of growing size to the point maps of both directions.
 
-    Points are matched in functions weighted as learned.
+    Points are matched in functions weighted as learned. Maps grow on well-spread samples of both
+    shapes; the last steps match all vertices.
 
     Without the learned weights the steps favour maps that are as isometric as can be, and drift
     away even from the truth.
@@ -266,9 +258,22 @@ class BijectiveZoomOut(Refinement):
     ----------
     step : int, default=10
         Functions that each map has more than the one before, up to all that `SpectralBasis` holds.
-    final_steps : int, default=4
-        Steps at the full size. Beyond four, errors on the cats change by less than 0.0005
-        (``tests/benchmarks/matching.py``).
+    final_steps : int, default=2
+        Steps in which all vertices are matched, in all functions.
+    n_samples : int or None, default=2000
+        Vertices of each shape that are matched while maps grow; shapes that have no more are
+        matched as a whole. None: all, always.
+
+    Notes
+    -----
+    Each step goes on beyond the map that was fitted, by 0.7 of the way to it. Map and matches lower
+    one sum of squared distances by turns, and a quadratic function is no larger at twice the way to
+    its least: up to there the sum falls from step to step. Single steps are short, as the vertices
+    that were matched hold the map back.
+
+    On TOSCA's cats left out in turn, eleven single steps on all vertices err by 0.0176, and these
+    by 0.0177, in a tenth of the time. With 1,500 samples the error is 0.0181, with 1,000 0.0186, on
+    all vertices in every step 0.0174; with one final step 0.0182, with four 0.0174.
 
     Examples
     --------
@@ -279,22 +284,38 @@ class BijectiveZoomOut(Refinement):
     BijectiveZoomOut(step=20)
     """
 
-    def __init__(self, step: int = 10, final_steps: int = 4) -> None:
+    # Of models that were saved before there were samples.
+    n_samples: int | None = None
+
+    def __init__(self, step: int = 10, final_steps: int = 2, n_samples: int | None = 2000) -> None:
         self.step = step
         self.final_steps = final_steps
+        self.n_samples = n_samples
 
     def check_parameters(self) -> None:
         """Raise for parameters that cannot be used."""
         check_number(self.step, "step", low=1, integer=True)
         check_number(self.final_steps, "final_steps", low=1, integer=True)
+        if self.n_samples is not None:
+            check_number(self.n_samples, "n_samples", low=1, integer=True)
 
     def refine(self, learned: Learned, spectral: SpectralShape, match: PointMatch) -> PointMatch:
         """Return the match in all functions held."""
         spectral_0, sizes = learned.reference.spectral, [*_sizes(learned, spectral, self.step)]
-        for n in [*sizes, *[sizes[-1]] * (self.final_steps - 1)]:
-            C = _fit(spectral, spectral_0, n, match.p2p, match.inverse)
+        few, few_0 = (_sampled(one, self.n_samples) for one in (spectral, spectral_0))
+        points: tuple[_Points, _Points] = (spectral, spectral_0)
+        C, p2p, inverse = None, match.p2p, match.inverse
+        for n in sizes:
+            C = _beyond(C, _fit(*points, n, p2p, inverse))
             functions = trusted_functions(learned.truncation_covariance[:n, :n])
+            embedded = spectral_embeddings(few.evecs[:, :n], few_0.evecs[:, :n], C, functions)
+            p2p, inverse = nearest_both(*embedded, n_threads=threads_within())
+            points = few, few_0
+        C = None
+        for _ in range(self.final_steps):
+            C = _beyond(C, _fit(*points, n, p2p, inverse))
             match = rematch_points(match, spectral, spectral_0, C, functions)
+            points, p2p, inverse = (spectral, spectral_0), match.p2p, match.inverse
         return match
 
 
@@ -316,13 +337,40 @@ def _sizes(learned: Learned, spectral: SpectralShape, step: int) -> Iterator[int
     yield most
 
 
+class _Points(Protocol):
+    """The points of a shape, or some that stand for all: functions at each, and areas."""
+
+    @property
+    def evecs(self) -> FloatArray: ...
+    @property
+    def mass(self) -> FloatArray: ...
+
+
+class _Samples(NamedTuple):
+    evecs: FloatArray
+    mass: FloatArray
+
+
+def _sampled(spectral: SpectralShape, n_samples: int | None) -> _Points:
+    """Return well-spread vertices with the areas that they stand for; a small shape as it is."""
+    if n_samples is None or n_samples >= len(spectral.mass):
+        return spectral
+    rows = np.sort(farthest_points(spectral.vertices, n_samples))
+    return _Samples(spectral.evecs[rows], areas_of_samples(spectral.vertices, spectral.mass, rows))
+
+
 def _fit(
-    spectral: SpectralShape,
-    spectral_0: SpectralShape,
-    n: int,
-    p2p: IntArray,
-    inverse: IntArray | None,
+    points: _Points, points_0: _Points, n: int, p2p: IntArray, inverse: IntArray | None
 ) -> FloatArray:
     return map_from_point_maps(
-        spectral.evecs[:, :n], spectral_0.evecs[:, :n], spectral.mass, spectral_0.mass, p2p, inverse
+        points.evecs[:, :n], points_0.evecs[:, :n], points.mass, points_0.mass, p2p, inverse
     )
+
+
+def _beyond(previous: FloatArray | None, fitted: FloatArray) -> FloatArray:
+    """Return the map as far beyond the fitted one as `_BEYOND` says, where both have entries."""
+    if previous is None:
+        return fitted
+    k, C = len(previous), fitted.copy()
+    C[:k, :k] += _BEYOND * (fitted[:k, :k] - previous)
+    return C

@@ -136,9 +136,14 @@ def make_learner(tmp_path_factory):
     """Return a function that makes a learner that is fitted in a tenth of a second.
 
     What does not depend on weights, as distances on the reference, is computed once in a session
-    (memory=None: anew).
+    (memory=None: anew). Matches are not refined but where it is asked for.
     """
-    given = {"n_functions": 12, "tol": 1e-3, "memory": str(tmp_path_factory.mktemp("learners"))}
+    given = {
+        "n_functions": 12,
+        "tol": 1e-3,
+        "refine": None,
+        "memory": str(tmp_path_factory.mktemp("learners")),
+    }
     return lambda **parameters: WeightedFunctionalMapLearner(**{**given, **parameters})
 
 

@@ -6,7 +6,13 @@ from sklearn.pipeline import make_pipeline
 
 from skfmap import Correspondence, DescriptorTransformer, Mesh, SpectralBasis
 from skfmap.descriptors import HeatKernelSignature, WaveKernelSignature, default_families
-from skfmap.exceptions import CorrespondenceError, CoverageWarning, MeshError, OrientationWarning
+from skfmap.exceptions import (
+    CorrespondenceError,
+    CoverageWarning,
+    MeshError,
+    OrientationWarning,
+    RepairWarning,
+)
 from skfmap.metrics import GeodesicDistances, get_scorer, pair_errors
 from skfmap.shapes import ProbedShape
 
@@ -29,14 +35,16 @@ def test_an_unreferenced_vertex_is_named(body):
     with pytest.raises(
         MeshError, match=f"'the cat' has 1 vertices.*first is vertex {body.n_vertices}"
     ):
-        SpectralBasis(10).transform([body, loose])
+        SpectralBasis(10, on_invalid="raise").transform([body, loose])
 
 
 def test_a_repeated_corner_is_named(body):
     faces = body.faces.copy()
     faces[7, 0] = faces[7, 1]
     with pytest.raises(MeshError, match=r"'the cat' has 1 faces.*first is face 7"):
-        SpectralBasis(10).transform([Mesh(body.vertices, faces, name="the cat")])
+        SpectralBasis(10, on_invalid="raise").transform(
+            [Mesh(body.vertices, faces, name="the cat")]
+        )
 
 
 @pytest.fixture
@@ -56,42 +64,53 @@ def finned(body):
     return Mesh(np.concatenate([body.vertices, [tip]]), faces, name="the cat")
 
 
-def assert_robust_helps(mesh, body):
-    sound, mended = SpectralBasis(10, laplacian="robust").transform([body, mesh])
-    np.testing.assert_allclose(mended.evals, sound.evals, rtol=0.05, atol=1e-6)
-    (probed,) = DescriptorTransformer("paper").transform([mended])
+def assert_usable(mesh, body, families=None, **parameters):
+    sound, shape = SpectralBasis(10, **parameters).transform([body, mesh])
+    np.testing.assert_allclose(shape.evals, sound.evals, rtol=0.05, atol=1e-6)
+    (probed,) = DescriptorTransformer(families).transform([shape])
     bad = ~np.isfinite(probed.probes).all(axis=0)
     assert not bad.any(), np.array(probed.probe_names)[bad]
 
 
-def test_a_face_without_area_needs_the_robust_laplacian(flat, body):
+def assert_robust_helps(mesh, body):
+    assert_usable(mesh, body, "paper", laplacian="robust", on_invalid="raise")
+
+
+def test_a_face_without_area_needs_the_robust_laplacian_or_mending(flat, body):
     with pytest.raises(MeshError, match=r"'the cat' has 2 faces without area.*robust"):
-        SpectralBasis(10).transform([flat])
+        SpectralBasis(10, on_invalid="raise").transform([flat])
     assert_robust_helps(flat, body)
+    with pytest.warns(RepairWarning, match="'the cat': mended 2 faces without area"):
+        assert_usable(flat, body)
 
 
-def test_a_nonmanifold_edge_needs_the_robust_laplacian(finned, body):
+def test_a_nonmanifold_edge_needs_the_robust_laplacian_or_mending(finned, body):
     with pytest.raises(MeshError, match=r"'the cat' has 1 edges.*robust"):
-        SpectralBasis(10).transform([finned])
+        SpectralBasis(10, on_invalid="raise").transform([finned])
     with pytest.warns(OrientationWarning, match="'the cat'"):
         assert_robust_helps(finned, body)
+    with pytest.warns(RepairWarning, match="'the cat': parted the surface at 1 edges"):
+        assert_usable(finned, body)
 
 
 def test_oriented_probes_refuse_what_cannot_be_wound(finned):
     with pytest.warns(OrientationWarning, match="'the cat'"):
-        shapes = SpectralBasis(10, laplacian="robust").transform([finned])
+        shapes = SpectralBasis(10, laplacian="robust", on_invalid="raise").transform([finned])
     with pytest.raises(MeshError, match=r"'the cat'.*paper"):
         DescriptorTransformer().transform(shapes)
 
 
-def test_two_components_are_refused(body):
-    vertices = np.concatenate([body.vertices, body.vertices + 9])
-    faces = np.concatenate([body.faces, body.faces + body.n_vertices])
+def test_two_components_are_refused_or_the_larger_is_kept(body):
+    n = body.n_vertices
+    vertices = np.concatenate([0.9 * body.vertices + 9, body.vertices])
+    two = Mesh(vertices, np.concatenate([body.faces, body.faces + n]), name="the cat")
     for laplacian in ("cotangent", "robust"):
         with pytest.raises(MeshError, match="'the cat' has 2 connected components"):
-            SpectralBasis(10, laplacian=laplacian).transform(
-                [Mesh(vertices, faces, name="the cat")]
-            )
+            SpectralBasis(10, laplacian=laplacian, on_invalid="raise").transform([two])
+        with pytest.warns(RepairWarning, match="'the cat': kept the largest of 2 pieces, 55.2%"):
+            (shape,) = SpectralBasis(10, laplacian=laplacian).transform([two])
+        kept = shape.working_vertices(np.arange(2 * n))
+        np.testing.assert_array_equal(kept, [*[-1] * n, *range(n)])
 
 
 def test_too_few_vertices_for_the_basis(tetrahedron):

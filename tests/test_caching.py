@@ -205,7 +205,7 @@ _SEARCH = """
             skfmap.SpectralBasis(30, memory=memory),
             skfmap.DescriptorTransformer("paper", memory=memory),
             skfmap.WeightedFunctionalMapLearner(
-                n_functions=10, weighting=None, memory=location
+                n_functions=10, weighting=None, refine=None, memory=location
             ),
         )
         grid = {

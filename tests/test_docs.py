@@ -114,9 +114,12 @@ _ELSEWHERE = {
         "ground_truth.warn_of_coverage",
         "health.check_mesh",
         "refinement.REFINEMENTS",
+        "health.WOUND",
+        "health.repair_arrays",
         "health.repair_mesh",
     ),
-    *("io.as_far_as_sound", "io.check_meshes", "io.n_vertices_of", "io.named", "io.read_arrays"),
+    *("io.as_arrays", "io.as_far_as_sound", "io.check_meshes", "io.n_vertices_of", "io.named"),
+    *("io.open_given", "io.read_arrays"),
 }
 
 

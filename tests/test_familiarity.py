@@ -27,7 +27,7 @@ def test_a_shape_that_is_not_like_the_training_shapes_is_told(creatures):
     model = make_pipeline(
         SpectralBasis(60),
         DescriptorTransformer(),
-        WeightedFunctionalMapLearner(n_functions=30, tol=1e-3),
+        WeightedFunctionalMapLearner(n_functions=30, tol=1e-3, refine=None),
     ).fit(coarse.meshes[:4], coarse.correspondences[:4])
     assert np.isfinite(model[-1].misfits_).sum() == 3
     (sound,) = skfmap.match(model, coarse.meshes[4:5])  # and not a word
@@ -54,7 +54,7 @@ def taught_by_creatures(creatures):
     return make_pipeline(
         SpectralBasis(60),
         DescriptorTransformer(),
-        WeightedFunctionalMapLearner(n_functions=30, tol=1e-3),
+        WeightedFunctionalMapLearner(n_functions=30, tol=1e-3, refine=None),
     ).fit(creatures.meshes[:5], creatures.correspondences[:5])
 
 

@@ -13,7 +13,7 @@ from skfmap.learner.inputs import (
     check_scored,
     check_shapes,
 )
-from skfmap.shapes import SkippedShape
+from skfmap.shapes import Prolongation, SkippedShape
 
 
 def test_template_points_may_have_any_numbers(probed, collection, make_learner):
@@ -71,14 +71,18 @@ def test_correspondences_may_be_tables_of_pairs(probed, collection):
             np.testing.assert_array_equal(one.pairs, table)
 
 
-def test_correspondences_of_mended_shapes_are_renumbered(probed, collection):
+def test_pairs_of_vertices_without_a_place_are_left_out(probed):
     """The second vertex that was given is gone, and the others have moved up."""
-    n = probed[1].spectral.mesh.n_vertices
+    mesh = probed[1].spectral.mesh
+    n = mesh.n_vertices
     vertex_map = np.concatenate([[0, -1], np.arange(1, n)])
-    mended = replace(probed[1], spectral=replace(probed[1].spectral, vertex_map=vertex_map))
+    places = Prolongation.of_vertices(vertex_map, mesh.faces)
+    mended = replace(probed[1], spectral=replace(probed[1].spectral, prolongation=places))
     truth = Correspondence([[0, 5], [1, 6], [n, 7]])
     (checked,) = check_correspondences([truth], [mended])
-    assert checked.pairs.tolist() == [[0, 5], [n - 1, 7]]
+    assert checked.pairs.tolist() == [[0, 5], [n, 7]]
+    with pytest.raises(CorrespondenceError, match="All pairs of shape 'body1'"):
+        check_correspondences([Correspondence([[1, 6]])], [mended])
 
 
 def test_a_correspondence_that_does_not_fit_is_refused_or_becomes_a_skipped_shape(

@@ -36,7 +36,7 @@ def test_main_job_on_a_folder(folder, capsys):
     table = printed[printed.index("weighting ") :].splitlines()
     assert [row.split()[0] for row in table[1:5]] == ["none", "unique", "category", "function"]
     assert all(
-        0 < float(cell) < 100 for row in table[1:5] for cell in row.replace("|", " ").split()[-9:]
+        0 < float(cell) < 100 for row in table[1:5] for cell in row.replace("|", " ").split()[-12:]
     )
     assert "Leaving out one at a time: body1, body3." in printed
     assert imread(output / "matches.png")[..., :3].std() > 0.05
@@ -107,24 +107,57 @@ def test_warnings_are_printed_without_lines_of_code(folder):
     assert ".py" not in done.stderr
 
 
-@pytest.mark.parametrize("on_invalid", ["repair", "skip"])
-def test_the_command_line_goes_on_without_a_broken_mesh(tmp_path, collection, capsys, on_invalid):
-    folder = tmp_path / "meshes"
-    folder.mkdir()
-    for i, (mesh, truth) in enumerate(zip(collection.meshes[:4], collection.truths, strict=False)):
-        vertices, faces, pairs = mesh.vertices, mesh.faces, truth.pairs
-        if i == 1:  # a vertex in front of all others that no face uses
-            vertices, faces = np.vstack([[9.0, 9, 9], vertices]), faces + 1
-            pairs = np.add(pairs, [1, 0])
-        write_mesh(Mesh(vertices, faces), folder / f"body{i}.off")
-        np.savetxt(folder / f"body{i}.txt", pairs, fmt="%d")
-    options = [str(folder), "--output", str(tmp_path / "out")]
-    options += ["--functions", "10", "--folds", "1", "--jobs", "1"]
+@pytest.fixture
+def folder_with(tmp_path, collection):
+    """Return a function that writes bodies with their pairs, the second of them broken."""
+
+    def write(breaks):
+        folder = tmp_path / "meshes"
+        folder.mkdir()
+        for i, (mesh, truth) in enumerate(
+            zip(collection.meshes[:4], collection.truths, strict=False)
+        ):
+            vertices, faces, pairs = mesh.vertices, mesh.faces, truth.pairs
+            if i == 1:
+                vertices, faces, pairs = breaks(vertices, faces, pairs)
+            write_mesh(Mesh(vertices, faces), folder / f"body{i}.off")
+            np.savetxt(folder / f"body{i}.txt", pairs, fmt="%d")
+        options = [str(folder), "--output", str(tmp_path / "out")]
+        return [*options, "--functions", "10", "--folds", "1", "--jobs", "1"]
+
+    return write
+
+
+def _loose(vertices, faces, pairs):
+    """Put a vertex in front of all others that no face uses."""
+    return np.vstack([[9.0, 9, 9], vertices]), faces + 1, np.add(pairs, [1, 0])
+
+
+def _of_no_size(vertices, faces, pairs):
+    """Scale to where areas are no numbers: nothing helps."""
+    return 1e-180 * vertices, faces, pairs
+
+
+@pytest.mark.parametrize("option", [[], ["--on-invalid", "skip"]])
+def test_the_command_line_mends_a_broken_mesh(folder_with, capsys, option):
+    options = folder_with(_loose)
+    assert main([*options, "--on-invalid", "raise"]) == 2
+    assert "body1" in capsys.readouterr().err
+    with pytest.warns(RepairWarning, match="'body1': removed 1 vertices that no face used"):
+        assert main([*options, *option]) == 0
+    assert "left out: " not in capsys.readouterr().out
+
+
+def test_the_command_line_goes_on_without_a_mesh_that_cannot_be_mended(
+    folder_with, tmp_path, capsys
+):
+    options = folder_with(_of_no_size)
     assert main(options) == 2
-    with pytest.warns((RepairWarning, SkippedShapeWarning), match="body1"):
-        assert main([*options, "--on-invalid", on_invalid]) == 0
-    said = capsys.readouterr().out
-    assert ("mended: body1" if on_invalid == "repair" else "left out: body1\n") in said
+    assert "body1" in (told := capsys.readouterr().err)
+    assert "--on-invalid skip goes on" in told
+    with pytest.warns(SkippedShapeWarning, match="body1"):
+        assert main([*options, "--on-invalid", "skip"]) == 0
+    assert "left out: body1\n" in capsys.readouterr().out
     assert (tmp_path / "out" / "report.html").exists()
 
 

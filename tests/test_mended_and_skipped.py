@@ -42,6 +42,18 @@ def _loose(mesh, name):
     return Mesh(np.concatenate([[[9.0, 9, 9]], mesh.vertices]), mesh.faces + 1, name)
 
 
+def _tiny(name):
+    """Return a mesh that nothing makes large enough."""
+    return Mesh(
+        [[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]],
+        [[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]],
+        name,
+    )
+
+
+_TINY_TRUTH = Correspondence.from_vertices(np.arange(4))
+
+
 def _one_higher(truth):
     return Correspondence(np.add(truth.pairs, [1, 0]))
 
@@ -60,9 +72,8 @@ def model_that(collection, memory):
     """Return a function that fits a pipeline with `on_invalid` on the first bodies."""
 
     def make(on_invalid, meshes=None, truths=None, through=None, **parameters):
-        learner = WeightedFunctionalMapLearner(
-            n_functions=10, weighting="category", tol=1e-2, memory=memory, **parameters
-        )
+        given = {"n_functions": 10, "weighting": "category", "tol": 1e-2, "refine": None}
+        learner = WeightedFunctionalMapLearner(**{**given, "memory": memory, **parameters})
         learner = learner if through is None else BridgedLearner(learner, through)
         basis = SpectralBasis(20, on_invalid=on_invalid, memory=memory)
         model = make_pipeline(basis, DescriptorTransformer(memory=memory), learner)
@@ -74,11 +85,11 @@ def model_that(collection, memory):
 @pytest.fixture(scope="module")
 def matches(model_that, broken, collection):
     """Matches of a mended shape, a skipped one, and a sound one."""
-    repairing, skipping = model_that("repair"), model_that("skip")
+    mending, skipping = model_that("mend"), model_that("skip")
     with pytest.warns(RepairWarning, match="loose5"):
-        (mended,) = skfmap.match(repairing, [broken[5][0]])
-    with pytest.warns(SkippedShapeWarning, match="loose5"):
-        skipped, sound = skfmap.match(skipping, [broken[5][0], collection.meshes[4]])
+        (mended,) = skfmap.match(mending, [broken[5][0]])
+    with pytest.warns(SkippedShapeWarning, match="tiny5"):
+        skipped, sound = skfmap.match(skipping, [_tiny("tiny5"), collection.meshes[4]])
     return {"mended": mended, "skipped": skipped, "sound": sound}
 
 
@@ -139,7 +150,7 @@ def test_a_bridge_and_mended_shapes(model_that, broken, collection, bridge):
     meshes = [collection.meshes[0], mesh, *collection.meshes[2:5]]
     with pytest.warns(RepairWarning, match="loose1"):
         model = model_that(
-            "repair", meshes, [collection.truths[0], truth, *collection.truths[2:5]], through=bridge
+            "mend", meshes, [collection.truths[0], truth, *collection.truths[2:5]], through=bridge
         )
     plain = model_that(
         "raise",
@@ -166,7 +177,7 @@ def test_a_report_of_mended_and_of_skipped_shapes(model_that, broken, collection
     meshes = [collection.meshes[0], mesh, *collection.meshes[2:5]]
     truths = [collection.truths[0], truth, *collection.truths[2:5]]
     with pytest.warns(RepairWarning, match="loose1"):
-        model = model_that("repair", meshes, truths)
+        model = model_that("mend", meshes, truths)
     with pytest.warns(RepairWarning, match="loose1"):
         evaluation = evaluate(
             model, meshes, pd.Series(truths, index=[4, 3, 2, 1, 0]), cv=2, naive=False
@@ -178,17 +189,18 @@ def test_a_report_of_mended_and_of_skipped_shapes(model_that, broken, collection
     assert write_report(model, tmp_path / "r.html", evaluation=evaluation).stat().st_size > 10_000
 
     skipping = model_that("skip")
-    with pytest.warns(SkippedShapeWarning, match="loose5"):
-        shapes = skipping[:-1].transform([broken[5][0], collection.meshes[4]])
-    learner, answers = skipping[-1], [broken[5][1], collection.truths[4]]
+    tiny = _tiny("tiny5")
+    with pytest.warns(SkippedShapeWarning, match="tiny5"):
+        shapes = skipping[:-1].transform([tiny, collection.meshes[4]])
+    learner, answers = skipping[-1], [_TINY_TRUTH, collection.truths[4]]
     by_hand = Evaluation(
-        [broken[5][0], collection.meshes[4]],
+        [tiny, collection.meshes[4]],
         learner.match(shapes),
         learner.pair_errors(shapes, answers),
         [],
     )
     page = write_report(skipping, tmp_path / "s.html", evaluation=by_hand).read_text()
-    assert "loose5" not in page
+    assert "tiny5" not in page
     nothing = Evaluation(by_hand.meshes[:1], by_hand.matches[:1], by_hand.errors[:1], [])
     with pytest.raises(ValueError, match="holds no shape that could be matched and scored"):
         write_report(skipping, tmp_path / "t.html", evaluation=nothing)
@@ -198,16 +210,16 @@ def test_a_report_of_mended_and_of_skipped_shapes(model_that, broken, collection
         ErrorCurveDisplay,
         ReliabilityDisplay,
     ):
-        with pytest.warns(SkippedShapeWarning, match="loose5"):
-            both = display.from_estimator(skipping, [broken[5][0], collection.meshes[4]], answers)
+        with pytest.warns(SkippedShapeWarning, match="tiny5"):
+            both = display.from_estimator(skipping, [tiny, collection.meshes[4]], answers)
         alone = display.from_estimator(skipping, [collection.meshes[4]], answers[1:])
         np.testing.assert_array_equal(both.line_.get_ydata(), alone.line_.get_ydata())
     for display in (SingularValuesDisplay, BasisErrorDisplay, ErrorCurveDisplay):
         with (
-            pytest.warns(SkippedShapeWarning, match="loose5"),
+            pytest.warns(SkippedShapeWarning, match="tiny5"),
             pytest.raises(ValueError, match="There is nothing to draw"),
         ):
-            display.from_estimator(skipping, [broken[5][0]], answers[:1])
+            display.from_estimator(skipping, [tiny], answers[:1])
 
 
 def test_a_correspondence_that_does_not_fit_is_skipped_where_the_fit_skipped_it(
@@ -221,9 +233,9 @@ def test_a_correspondence_that_does_not_fit_is_skipped_where_the_fit_skipped_it(
         assert learner.score(probed[:5], truths) == learner.score(probed[:4], truths[:4])
 
 
-def test_shapes_that_were_skipped_are_in_no_fold(probed, broken):
-    with pytest.warns(SkippedShapeWarning, match="loose5"):
-        (skipped,) = SpectralBasis(20, on_invalid="skip").transform([broken[5][0]])
+def test_shapes_that_were_skipped_are_in_no_fold(probed):
+    with pytest.warns(SkippedShapeWarning, match="tiny5"):
+        (skipped,) = SpectralBasis(20, on_invalid="skip").transform([_tiny("tiny5")])
     shapes = [*probed[:3], skipped, *probed[3:5]]
     splits = PinnedReference(2)
     assert splits.get_n_splits(shapes) == 2
@@ -232,11 +244,9 @@ def test_shapes_that_were_skipped_are_in_no_fold(probed, broken):
         assert 3 not in test
 
 
-def test_no_shape_that_can_be_used_is_said(model_that, broken):
+def test_no_shape_that_can_be_used_is_said(model_that):
     with (
-        pytest.warns(SkippedShapeWarning, match="loose1"),
-        pytest.raises(MeshError, match=r"No shape can be used: .*no face uses"),
+        pytest.warns(SkippedShapeWarning, match="tiny1"),
+        pytest.raises(MeshError, match=r"No shape can be used: .*too few"),
     ):
-        model_that(
-            "skip", [broken[1][0], broken[5][0]], [broken[1][1], broken[5][1]], reference="medoid"
-        )
+        model_that("skip", [_tiny("tiny1"), _tiny("tiny5")], [_TINY_TRUTH] * 2, reference="medoid")

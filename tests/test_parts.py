@@ -247,3 +247,17 @@ class TooMany(Refinement):
 def test_what_a_refinement_of_ones_own_does_wrong_is_told(fitted, probed, refine, told):
     with pytest.raises((TypeError, ValueError), match=told):
         fitted.match(probed[5:], refine=refine)
+
+
+def test_matches_are_refined_by_default(probed, collection):
+    learner = skfmap.WeightedFunctionalMapLearner(n_functions=8, tol=1e-2, confidence=None)
+    learner.fit(probed[:4], collection.truths[:4])
+    assert isinstance(learner.refine_, BijectiveZoomOut)
+    assert learner.match(probed[5:])[0].refined_map is not None
+    assert learner.match(probed[5:], refine=None)[0].refined_map is None
+
+
+def test_a_refinement_saved_before_there_were_samples_matches_all_vertices():
+    part = BijectiveZoomOut(final_steps=4)
+    del part.__dict__["n_samples"]
+    assert part.get_params() == {"step": 10, "final_steps": 4, "n_samples": None}

@@ -22,6 +22,7 @@ from skfmap.functional import (
 from skfmap.learner.signs import count_supporting
 from skfmap.metrics import coverage
 from skfmap.model_selection import PinnedReference
+from skfmap.refinement import BijectiveZoomOut
 
 REFINEMENTS = ("icp", "zoomout", "bijective-zoomout")
 
@@ -324,3 +325,36 @@ def test_a_match_made_by_hand_says_what_it_lacks(refined, probed):
         bare.transfer(np.zeros(3))
     with pytest.raises(ValueError, match="with their matrices and inverses"):
         match.to(bare)
+
+
+def _energy(learned, spectral, match):
+    """Return what a step lowers: squared distances of matched points in both directions."""
+    to, back = match.points_0[match.p2p], match.points_i[match.inverse]
+    mass_i, mass_0 = spectral.mass, learned.reference.spectral.mass
+    return mass_i @ np.square(match.points_i - to).sum(axis=1) + mass_0 @ np.square(
+        match.points_0 - back
+    ).sum(axis=1)
+
+
+def test_each_step_on_all_vertices_lowers_the_squared_distances(refined, probed):
+    """Steps beyond the fitted map do so too, as long as they do not go twice as far."""
+    matcher, spectral = refined.matcher_, probed[5].spectral
+    start = matcher.match_points(probed[5], matcher.solve(probed[5]).C)[0]
+    energies = [
+        _energy(matcher, spectral, BijectiveZoomOut(30, n).refine(matcher, spectral, start))
+        for n in range(1, 7)
+    ]
+    assert (np.diff(energies) <= 1e-9 * energies[0]).all()
+    assert energies[-1] < 0.99 * energies[0]
+
+
+def test_samples_find_about_what_all_vertices_find(refined, probed, collection):
+    def error(**parameters):
+        (errors,) = refined.pair_errors(
+            probed[5:], collection.truths[5:], refine=BijectiveZoomOut(**parameters)
+        )
+        return errors.mean("direct")
+
+    whole = error(n_samples=None)
+    assert error(n_samples=10_000) == whole
+    assert error(n_samples=190) < 1.1 * whole

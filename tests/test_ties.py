@@ -8,10 +8,11 @@ from skfmap._tools.ties import first_of_largest, first_of_least, is_constant
 from skfmap.datasets import make_sphere
 from skfmap.descriptors import OrientedProducts
 from skfmap.functional.eigenbasis import fix_signs
+from skfmap.functional.neighbours import nearest as nearest_of
+from skfmap.functional.neighbours import nearest_both
 from skfmap.functional.stable_basis import stable_basis
 from skfmap.geometry.geodesics import farthest_vertices
 from skfmap.learner.medoid import medoid_index
-from skfmap.refinement import nearest as nearest_of
 
 
 @pytest.fixture(scope="module")
@@ -99,9 +100,13 @@ def test_of_targets_that_are_equally_near_the_first_is_matched():
     targets = np.concatenate([targets, targets])
     points = np.concatenate([targets[:40], (targets[:20] + targets[20:40]) / 2])
     for noisy in _noisy(targets, 1e-14):
-        nearest = nearest_of(points, noisy)
-        np.testing.assert_array_equal(nearest[:40], np.arange(40))
-        assert nearest.max() < 40
+        for nearest in (
+            nearest_of(points, noisy),
+            nearest_both(points, noisy)[0],
+            nearest_both(noisy, points)[1],
+        ):
+            np.testing.assert_array_equal(nearest[:40], np.arange(40))
+            assert nearest.max() < 40
     plain = rng.standard_normal((50, 12))
     squared = np.square(plain[:, None] - targets[None, :40]).sum(axis=2)
     np.testing.assert_array_equal(nearest_of(plain, targets[:40]), squared.argmin(axis=1))

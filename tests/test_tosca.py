@@ -37,7 +37,7 @@ def learner(cats, probed):
 
 def errors(learner, shapes, truths):
     return [
-        learner.pair_errors(shapes[4:], truths[4:], matching="cut", n_stable=share)[0]
+        learner.pair_errors(shapes[4:], truths[4:], matching="cut", n_stable=share, refine=None)[0]
         for share in (1.0, 0.5)
     ]
 
@@ -57,7 +57,9 @@ def test_correspondences_and_reading_order(cats):
 def test_learning_and_reducing_both_help(cats):
     shapes, truths = DescriptorTransformer("paper").transform(cats[0]), cats[1]
     naive, learned = (
-        WeightedFunctionalMapLearner(weighting=w).fit(shapes[:4], truths[:4])
+        WeightedFunctionalMapLearner(weighting=w, refine=None, confidence=None).fit(
+            shapes[:4], truths[:4]
+        )
         for w in (None, "function")
     )
     naive_full, naive_reduced = (e.mean("per_vertex") for e in errors(naive, shapes, truths))

@@ -31,7 +31,8 @@ def figure(collection, families="paper", strategies=STRATEGIES):
     truths = collection.correspondences
     _, axes = plt.subplots(1, 2, figsize=(11, 4.2), layout="constrained", width_ratios=[3, 2])
     for name, weighting in strategies.items():
-        learner = WeightedFunctionalMapLearner(weighting=weighting).fit(shapes[:-1], truths[:-1])
+        learner = WeightedFunctionalMapLearner(weighting=weighting, refine=None)
+        learner.fit(shapes[:-1], truths[:-1])
         if weighting is not None:
             style = {"marker": "", "linewidth": 1.6} if weighting != "function" else {}
             WeightsDisplay.from_estimator(learner, ax=axes[0], name=name, **style)

@@ -35,7 +35,8 @@ def figure(collection, which=1):
     reference, unseen = (shape.spectral for shape in (shapes[0], shapes[-1]))
     columns, labels = ([], [], []), []
     for name, weighting in STRATEGIES.items():
-        learner = WeightedFunctionalMapLearner(weighting=weighting).fit(shapes[:-1], truths[:-1])
+        learner = WeightedFunctionalMapLearner(weighting=weighting, refine=None)
+        learner.fit(shapes[:-1], truths[:-1])
         y = learner.stable_basis_[:, which]
         values = reference.evecs[:, :50] @ y
         y = y * np.sign(values[np.abs(values).argmax()])  # signs mean nothing: here peaks are high

@@ -32,7 +32,8 @@ def figure(collection, families="paper", strategies=STRATEGIES):
     new_shapes, new_truths = shapes[-1:], truths[-1:]
     _, (left, right) = plt.subplots(1, 2, figsize=(11, 4.2), layout="constrained")
     for name, weighting in strategies.items():
-        learner = WeightedFunctionalMapLearner(weighting=weighting).fit(shapes[:-1], truths[:-1])
+        learner = WeightedFunctionalMapLearner(weighting=weighting, refine=None)
+        learner.fit(shapes[:-1], truths[:-1])
         basis = BasisErrorDisplay.from_estimator(
             learner, new_shapes, new_truths, ax=left, name=name
         )

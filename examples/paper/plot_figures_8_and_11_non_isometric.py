@@ -41,7 +41,7 @@ def figure(collection, n_training, camera=None, families="paper-310"):
     reference, unseen = (shape.spectral for shape in (shapes[0], shapes[-1]))
     meshes, functions, captions = [], [], []
     for name, weighting in STRATEGIES.items():
-        learner = WeightedFunctionalMapLearner(weighting=weighting)
+        learner = WeightedFunctionalMapLearner(weighting=weighting, refine=None)
         learner.fit(shapes[: n_training + 1], truths[: n_training + 1])
         Y = learner.stable_basis_[:, 1:3]
         (X,), (C,) = (

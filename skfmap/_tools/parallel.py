@@ -5,13 +5,14 @@ import os
 import sys
 import threading
 from collections.abc import Callable, Iterable
+from itertools import chain, islice
 from types import TracebackType
 from typing import Any, TypeVar
 
-from joblib import Parallel, delayed
+from joblib import Parallel, cpu_count, delayed, effective_n_jobs
 from threadpoolctl import threadpool_limits
 
-__all__ = ["map_shapes", "single_threaded", "tell"]
+__all__ = ["map_shapes", "single_threaded", "tell", "threads_within"]
 
 _Result = TypeVar("_Result")
 
@@ -47,6 +48,7 @@ class _OneThread:
 
 
 _ONE_THREAD = _OneThread()
+_WITHIN = threading.local()
 
 
 def map_shapes(
@@ -71,7 +73,11 @@ def map_shapes(
         )
     if not isinstance(verbose, numbers.Integral):
         raise ValueError(f"verbose must be an integer; got {verbose!r}.")
-    calls = (delayed(_call)(os.getpid(), function, *a) for a in arguments)
+    # Where there are fewer shapes than jobs, some are left; a cluster's workers are not threads.
+    most, waiting = min(effective_n_jobs(n_jobs), cpu_count()), iter(arguments)
+    first = list(islice(waiting, most))
+    n_threads = most // max(1, len(first))
+    calls = (delayed(_call)(os.getpid(), n_threads, function, *a) for a in chain(first, waiting))
     with _ONE_THREAD:
         return list(Parallel(n_jobs=n_jobs, verbose=verbose, prefer=prefer)(calls))
 
@@ -88,6 +94,19 @@ def tell(message: str) -> None:
     sys.stderr.flush()
 
 
-def _call(parent: int, function: Callable[..., _Result], *arguments: object) -> _Result:
+def threads_within() -> int:
+    """Return how many threads the work on one shape may use: more than 1 if jobs are left over."""
+    return getattr(_WITHIN, "n_threads", 1)
+
+
+def _call(
+    parent: int, n_threads: int, function: Callable[..., _Result], *arguments: object
+) -> _Result:
     """Call within the parent's limit, or in another process within a limit of its own."""
-    return function(*arguments) if os.getpid() == parent else single_threaded(function, *arguments)
+    before, _WITHIN.n_threads = threads_within(), n_threads
+    try:
+        if os.getpid() == parent:
+            return function(*arguments)
+        return single_threaded(function, *arguments)
+    finally:
+        _WITHIN.n_threads = before

@@ -10,6 +10,7 @@ from sklearn.utils import Bunch
 
 from skfmap._tools.types import FloatArray, IntArray
 from skfmap._tools.validation import check_choice, check_index_range
+from skfmap.datasets._landmark_files import nearest_vertices, read_mrk_json
 from skfmap.exceptions import CorrespondenceError, MeshError
 from skfmap.io import MESH_SUFFIXES, as_far_as_sound, n_vertices_of, read_arrays
 from skfmap.shapes import Correspondence, Mesh, SkippedShape
@@ -23,7 +24,7 @@ def load_collection(
     pattern: str = "*",
     reference: str | None = None,
     *,
-    on_invalid: str = "raise",
+    on_invalid: str = "mend",
 ) -> Bunch:
     """Load the meshes of a folder with their correspondences, the reference first.
 
@@ -36,7 +37,9 @@ def load_collection(
       unknown;
     - ``NAME.template.txt`` or ``.npy``: the vertex of each template point, counted from 0, -1 where
       unknown;
-    - ``NAME.txt`` or ``.npy``: two columns, vertex and template point, counted from 0.
+    - ``NAME.txt`` or ``.npy``: two columns, vertex and template point, counted from 0;
+    - ``NAME.mrk.json``: landmarks of 3D Slicer, in the coordinates of the mesh. Each is taken to
+      the vertex nearest to it, and points of the same label correspond.
 
     If no mesh has any of them and all meshes have the same faces, vertices correspond by their
     number.
@@ -49,19 +52,21 @@ def load_collection(
         Which of them, by name without suffix: ``"cat*"``.
     reference : str, optional
         Name of the mesh to put first; the first in natural order (cat2 before cat10) by default.
-    on_invalid : {"raise", "repair", "skip"}, default="raise"
-        What to do with a mesh that cannot be read, or whose correspondences cannot, or do not fit
-        those of the others: none beside it, ``.vts`` files of another length, other faces where
-        vertices correspond by number. ``"skip"`` puts a `skfmap.shapes.SkippedShape` in its place,
-        with a warning; ``SpectralBasis(on_invalid="skip")`` passes it on, and the learner leaves it
-        out. ``"repair"`` does so too, but reads a mesh with NaN coordinates or faces that lead
-        nowhere, with a warning: vertices keep their numbers, those with NaN belong to no face, and
-        ``SpectralBasis(on_invalid="repair")`` mends that and all else. The reference always raises.
+    on_invalid : {"mend", "raise", "skip"}, default="mend"
+        What to do with a mesh that cannot be read as it is. ``"mend"`` reads one with NaN
+        coordinates or faces that lead nowhere, with a warning: vertices keep their numbers, those
+        with NaN belong to no face, and `SpectralBasis` mends that and all else. ``"raise"`` raises.
+        ``"skip"`` mends too; and where that does not help, or where correspondences cannot be read
+        or do not fit those of the others (none beside the mesh, ``.vts`` files of another length,
+        other faces where vertices correspond by number), it puts a `skfmap.shapes.SkippedShape` in
+        the mesh's place, with a warning; ``SpectralBasis(on_invalid="skip")`` passes it on, and the
+        learner leaves it out. The reference always raises.
 
     Returns
     -------
     sklearn.utils.Bunch
-        ``meshes`` (list of Mesh), ``correspondences`` (list of Correspondence), ``names`` (list of
+        ``meshes`` (list of Mesh), ``paths`` (list of str, the same meshes as files: large ones need
+        not be held all at a time), ``correspondences`` (list of Correspondence), ``names`` (list of
         str), and ``DESCR``.
 
     Raises
@@ -99,16 +104,18 @@ def load_collection(
         )
     if not folder.is_dir():
         raise FileNotFoundError(f"There is no folder {folder}.")
-    check_choice(on_invalid, "on_invalid", ("raise", "repair", "skip"))
+    check_choice(on_invalid, "on_invalid", ("mend", "raise", "skip"))
     paths = _mesh_paths(folder, pattern, reference)
     names = [path.stem for path in paths]
-    read = [_read(path, "raise" if i == 0 else on_invalid) for i, path in enumerate(paths)]
+    modes = [_REFERENCE[on_invalid], *[on_invalid] * (len(paths) - 1)]
+    labels: dict[str, int] = {}
+    read = [_read(path, one, labels) for path, one in zip(paths, modes, strict=True)]
     meshes = [one.mesh for one in read]
     found = [one.truth for one in read]
     beside = any(truth is not None for truth in found)
     faults = _missing_or_odd(paths, meshes, found) if beside else _other_faces(read, folder)
     for i, fault in faults.items():
-        if on_invalid == "raise" or i == 0:
+        if on_invalid != "skip" or i == 0:
             raise CorrespondenceError(fault)
         meshes[i] = SkippedShape(names[i], fault, meshes[i].n_vertices)
     warn_of_repairs([(mesh, one.done) for mesh, one in zip(meshes, read, strict=True)])
@@ -129,6 +136,7 @@ def load_collection(
     out = f" ({len(meshes) - len(sound)} left out)" if len(sound) < len(meshes) else ""
     return Bunch(
         meshes=meshes,
+        paths=[str(path) for path in paths],
         correspondences=correspondences,
         names=names,
         DESCR=f"{len(meshes)} meshes of {folder}{out}, reference {names[0]!r}; {how}.",
@@ -143,6 +151,10 @@ _NO_FACES = np.empty((0, 3), dtype=np.int64)
 _NONE = Correspondence(np.empty((0, 2), dtype=np.int64))
 
 
+# Nothing works without the reference.
+_REFERENCE = {"mend": "mend", "raise": "raise", "skip": "mend"}
+
+
 class _Read(NamedTuple):
     """What the files of a shape hold; ``faces`` as stored, ``done`` says how they were mended."""
 
@@ -152,14 +164,21 @@ class _Read(NamedTuple):
     done: str = ""
 
 
-def _read(path: Path, on_invalid: str) -> _Read:
-    """Return a mesh and where it lies on the template; a skipped shape if it cannot be read."""
+def _read(path: Path, on_invalid: str, labels: dict[str, int]) -> _Read:
+    """Return a mesh and where it lies on the template; a skipped shape if it cannot be read.
+
+    ``labels`` holds the template point of each named landmark, and takes up new ones.
+    """
     try:
         arrays = read_arrays(path)
-        mesh, done = (as_far_as_sound if on_invalid == "repair" else _as_it_is)(*arrays, path.stem)
-        return _Read(mesh, _read_correspondence(path, mesh), arrays[1], done)
+        mesh, done = (_as_it_is if on_invalid == "raise" else as_far_as_sound)(*arrays, path.stem)
+        truth = _read_correspondence(path, mesh)
+        if truth is None and (file := path.with_suffix(".mrk.json")).is_file():
+            truth, turned = _of_landmarks(file, mesh, labels)
+            done = ", ".join(one for one in (done, turned) if one)
+        return _Read(mesh, truth, arrays[1], done)
     except (MeshError, CorrespondenceError, OSError) as error:
-        if on_invalid == "raise":
+        if on_invalid != "skip":
             raise
         return _Read(SkippedShape(path.stem, str(error), n_vertices_of(path)))
 
@@ -217,6 +236,17 @@ def _read_correspondence(path: Path, mesh: Mesh) -> Correspondence | None:
             "these to count on; use the OFF, OBJ or PLY file that they were made for."
         )
     return truth
+
+
+def _of_landmarks(path: Path, mesh: Mesh, labels: dict[str, int]) -> tuple[Correspondence, str]:
+    """Return where named landmarks lie on the template, and what was done to them."""
+    points = read_mrk_json(path)
+    if not points:
+        raise CorrespondenceError(f"{path} holds no landmark that was placed.")
+    vertices, turned = nearest_vertices(np.stack(list(points.values())), mesh, path)
+    template = [labels.setdefault(name, len(labels)) for name in points]
+    done = f"landmarks were taken with {turned}" if turned else ""
+    return Correspondence(np.column_stack([vertices, template])), done
 
 
 def _find_correspondence(path: Path, mesh: Mesh) -> Correspondence | None:

@@ -21,9 +21,10 @@ class FunctionProbes(ProbeFamily):
     ----------
     function : callable
         Takes a `SpectralShape` (of unit area: ``vertices``, ``mesh.faces``, ``mass``, ``evals``,
-        ``evecs``) and returns values at its vertices, shape (n_vertices,) or (n_vertices,
-        n_functions). Its scales must be constants at unit area, so that a probe means the same on
-        every shape.
+        ``evecs``, all of the working mesh) and returns values at its vertices, shape (n_vertices,)
+        or (n_vertices, n_functions); or at those of the given mesh, which are brought to the
+        working mesh by `SpectralShape.restrict`. Its scales must be constants at unit area, so that
+        a probe means the same on every shape.
     n_functions : int, default=1
         Number of functions that it returns.
     kw_args : dict, optional
@@ -81,6 +82,8 @@ class FunctionProbes(ProbeFamily):
             self.function(shape, **(self.kw_args or {})), f"What {self.function!r} returns"
         )
         columns = values[:, None] if values.ndim == 1 else values
+        if columns.ndim == 2 and len(columns) == shape.n_given != shape.mesh.n_vertices:
+            columns = shape.restrict(columns)
         if (
             columns.shape != (shape.mesh.n_vertices, self.n_functions)
             or not np.isfinite(columns).all()

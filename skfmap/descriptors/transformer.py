@@ -19,7 +19,6 @@ from skfmap.descriptors.defaults import SHORTHANDS, default_families
 from skfmap.descriptors.family import ProbeFamily, check_spectral, finite_coefficients
 from skfmap.exceptions import MeshError
 from skfmap.shapes import ProbedShape, SkippedShape, SpectralShape
-from skfmap.shapes.given_vertices import n_given_vertices
 from skfmap.shapes.usable import pick_usable, put_back, warn_of_skipped
 
 __all__ = ["DescriptorTransformer"]
@@ -281,7 +280,7 @@ def _coefficients_or_skip(
     try:
         return _coefficients(shape, families, memory)
     except MeshError as error:
-        return SkippedShape(shape.name, str(error), n_given_vertices(shape))
+        return SkippedShape(shape.name, str(error), shape.n_given)
 
 
 def _stacked(

@@ -8,6 +8,7 @@ from skfmap.functional.embedding import spectral_embeddings
 from skfmap.functional.fmap import MapEquation, solve_functional_map
 from skfmap.functional.ground_truth import GroundTruth, map_from_pairs
 from skfmap.functional.learning import LearnedMaps, learn_functional_maps
+from skfmap.functional.neighbours import nearest, nearest_both
 from skfmap.functional.norm import epsilon_by_rule, rank_norm, rank_norm_and_gradient
 from skfmap.functional.normalization import scale_by
 from skfmap.functional.objective import LearningProblem
@@ -27,8 +28,9 @@ from skfmap.functional.regularization import (
 )
 from skfmap.functional.residuals import residual_covariance, trusted_functions
 from skfmap.functional.row_systems import RowSystems, SharedRowSystems
+from skfmap.functional.samples import areas_of_samples, farthest_points
 from skfmap.functional.signatures import heat_kernel_signature, wave_kernel_signature
-from skfmap.functional.stable_basis import basis_error, stable_basis
+from skfmap.functional.stable_basis import basis_error, missed_by_maps, stable_basis
 from skfmap.functional.subvertex import nearest_on_triangles
 from skfmap.functional.weighting import weight_groups
 
@@ -43,9 +45,11 @@ __all__ = [
     "QuadraticSystems",
     "RowSystems",
     "SharedRowSystems",
+    "areas_of_samples",
     "basis_error",
     "diffuse",
     "epsilon_by_rule",
+    "farthest_points",
     "heat_kernel_signature",
     "laplacian_eigenbasis",
     "laplacian_mask",
@@ -53,6 +57,9 @@ __all__ = [
     "learned_mask",
     "map_from_pairs",
     "map_from_point_maps",
+    "missed_by_maps",
+    "nearest",
+    "nearest_both",
     "nearest_on_triangles",
     "nearest_orthogonal",
     "optimize_weights",

@@ -1,6 +1,7 @@
 """Functional maps from point maps, as refinement alternates between the two."""
 
 import numpy as np
+import scipy.sparse as sp
 
 from skfmap._tools.types import FloatArray, IntArray
 
@@ -47,13 +48,15 @@ def map_from_point_maps(
     >>> bool(np.allclose(map_from_point_maps(evecs, evecs, mass, mass, same, same), np.eye(2)))
     True
     """
-    weighted = mass_i[:, None] * evecs_i
-    gram, rhs = weighted.T @ evecs_i, weighted.T @ evecs_0[p2p]
+    # Both terms sum over pairs of points: their areas by point of S_i, and their images there.
+    areas, images = mass_i, mass_i[:, None] * evecs_0[p2p]
     if inverse is not None:
-        image = evecs_i[inverse]
-        weighted = mass_0[:, None] * image
-        gram, rhs = gram + weighted.T @ image, rhs + weighted.T @ evecs_0
-    return np.asarray(np.linalg.solve(gram, rhs))
+        n_i, n_0 = len(mass_i), len(mass_0)
+        areas = areas + np.bincount(inverse, mass_0, minlength=n_i)
+        back = sp.csr_array((mass_0, (inverse, np.arange(n_0))), shape=(n_i, n_0))
+        images = images + back @ evecs_0
+    gram = evecs_i.T @ (areas[:, None] * evecs_i)
+    return np.asarray(np.linalg.solve(gram, evecs_i.T @ images))
 
 
 def nearest_orthogonal(C: FloatArray) -> FloatArray:

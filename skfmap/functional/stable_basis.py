@@ -5,7 +5,7 @@ import numpy as np
 from skfmap._tools.ties import ROUNDING, first_of_largest
 from skfmap._tools.types import FloatArray
 
-__all__ = ["basis_error", "stable_basis"]
+__all__ = ["basis_error", "missed_by_maps", "stable_basis"]
 
 
 def stable_basis(
@@ -40,3 +40,14 @@ def stable_basis(
 def basis_error(X: FloatArray, C: FloatArray, Y: FloatArray) -> FloatArray:
     """Return equation (5), the norm of (X - C) y_j for each column of Y; shape (Y.shape[1],)."""
     return np.asarray(np.linalg.norm((X - C) @ Y, axis=0))
+
+
+def missed_by_maps(
+    evecs_0: FloatArray, Y: FloatArray, stability: FloatArray, total_share: float
+) -> FloatArray:
+    """Return how far learned maps miss each point of S_0, per training shape.
+
+    Shape (n_vertices_0,). Root of the sum over Y of squared (singular value times function): the
+    length of what maps add to the row of a point in the embedding.
+    """
+    return np.asarray(np.linalg.norm(evecs_0 @ (Y * stability), axis=1) / np.sqrt(total_share))

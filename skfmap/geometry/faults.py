@@ -1,5 +1,8 @@
 """What is wrong with the connectivity or the triangles of a mesh."""
 
+from dataclasses import dataclass
+from functools import cached_property
+
 import numpy as np
 import scipy.sparse as sp
 
@@ -7,21 +10,28 @@ from skfmap._tools.types import BoolArray, FloatArray, IntArray
 from skfmap._tools.validation import is_finite
 
 __all__ = [
+    "HalfEdges",
+    "area_and_longest_edge",
     "boundary_pieces",
     "boundary_vertices",
     "components",
+    "corner_links",
     "count_components",
     "degenerate_faces",
     "duplicate_faces",
     "duplicate_vertices",
     "edges_of",
+    "first_at_place",
+    "half_edges",
     "is_wound_consistently",
+    "label_fans",
     "nonmanifold_edges",
     "nonmanifold_vertices",
     "repeated_corners",
     "slivers",
     "sound_faces",
     "unreferenced_vertices",
+    "vertices_of_many_fans",
 ]
 
 
@@ -29,11 +39,15 @@ __all__ = [
 # Cotangents of 1e10 leave six of sixteen digits to those that they are added to. TOSCA's cats
 # have 6e-4 and more.
 _NO_AREA = 1e-10
+# Triangles are measured so many at a time, for memory's sake.
+_CHUNK = 2**16
 
 
 def unreferenced_vertices(faces: IntArray, n_vertices: int) -> IntArray:
     """Return the vertices that no face uses."""
-    return np.setdiff1d(np.arange(n_vertices), faces)
+    unused = np.ones(n_vertices, dtype=bool)
+    unused[faces.ravel()] = False
+    return np.flatnonzero(unused)
 
 
 def repeated_corners(faces: IntArray) -> IntArray:
@@ -53,21 +67,37 @@ def sound_faces(vertices: FloatArray, faces: IntArray) -> BoolArray:
 
 def degenerate_faces(vertices: FloatArray, faces: IntArray) -> IntArray:
     """Return the faces whose area is nil to rounding, against the squared longest edge."""
-    area, longest = _area_and_longest(vertices, faces)
+    area, longest = area_and_longest_edge(vertices, faces)
     return np.flatnonzero(area <= _NO_AREA * longest)
 
 
-def _area_and_longest(vertices: FloatArray, faces: IntArray) -> tuple[FloatArray, FloatArray]:
+def area_and_longest_edge(vertices: FloatArray, faces: IntArray) -> tuple[FloatArray, FloatArray]:
     """Return the area and the squared longest edge of each face."""
-    corners = vertices[faces]
-    edges = np.roll(corners, -1, axis=1) - corners
-    area = np.linalg.norm(np.cross(edges[:, 0], edges[:, 1]), axis=1) / 2
-    return np.asarray(area), np.asarray((edges**2).sum(axis=2).max(axis=1))
+    area, longest = np.empty(len(faces)), np.empty(len(faces))
+    for begin in range(0, len(faces), _CHUNK):
+        part = slice(begin, begin + _CHUNK)
+        area[part], longest[part] = _area_and_longest_edge(vertices, faces[part])
+    return area, longest
+
+
+def _area_and_longest_edge(vertices: FloatArray, faces: IntArray) -> tuple[FloatArray, FloatArray]:
+    a, b, c = (np.ascontiguousarray(vertices[faces[:, j]].T) for j in range(3))
+    ab, bc, ca = b - a, c - b, a - c
+    normal = np.stack(
+        [
+            ab[1] * bc[2] - ab[2] * bc[1],
+            ab[2] * bc[0] - ab[0] * bc[2],
+            ab[0] * bc[1] - ab[1] * bc[0],
+        ]
+    )
+    area = np.sqrt((normal**2).sum(axis=0)) / 2
+    longest = np.maximum.reduce([(edge**2).sum(axis=0) for edge in (ab, bc, ca)])
+    return np.asarray(area), np.asarray(longest)
 
 
 def nonmanifold_edges(faces: IntArray) -> IntArray:
     """Return the edges, shape (n, 2), that more than two faces share."""
-    edges, counts = _count_edges(np.sort(_half_edges(faces), axis=1))
+    edges, counts = _count_edges(_undirected(faces))
     return edges[counts > 2]
 
 
@@ -78,13 +108,14 @@ def count_components(faces: IntArray, n_vertices: int) -> int:
 
 def is_wound_consistently(faces: IntArray) -> bool:
     """Return whether no directed edge is used by two faces."""
-    _, counts = _count_edges(_half_edges(faces))
-    return bool((counts == 1).all())
+    edges = _half_edges(faces)
+    keys = np.sort(edges[:, 0].astype(np.int64) * (int(faces.max(initial=0)) + 1) + edges[:, 1])
+    return not (keys[1:] == keys[:-1]).any()
 
 
 def boundary_vertices(faces: IntArray, n_vertices: int) -> BoolArray:
     """Return a mask of the vertices on an edge that only one face has."""
-    edges, counts = _count_edges(np.sort(_half_edges(faces), axis=1))
+    edges, counts = _count_edges(_undirected(faces))
     mask = np.zeros(n_vertices, dtype=bool)
     mask[edges[counts == 1]] = True
     return mask
@@ -92,11 +123,17 @@ def boundary_vertices(faces: IntArray, n_vertices: int) -> BoolArray:
 
 def edges_of(faces: IntArray) -> IntArray:
     """Return the undirected edges, each once, shape (n_edges, 2)."""
-    return _count_edges(np.sort(_half_edges(faces), axis=1))[0]
+    return _count_edges(_undirected(faces))[0]
 
 
 def _half_edges(faces: IntArray) -> IntArray:
     return np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
+
+
+def _undirected(faces: IntArray) -> IntArray:
+    """Return the half-edges, each from its lower to its higher vertex."""
+    start, end = _half_edges(faces).T
+    return np.stack([np.minimum(start, end), np.maximum(start, end)], axis=1)
 
 
 def _count_edges(edges: IntArray) -> tuple[IntArray, IntArray]:
@@ -109,14 +146,33 @@ def _count_edges(edges: IntArray) -> tuple[IntArray, IntArray]:
 
 def duplicate_faces(faces: IntArray) -> IntArray:
     """Return the faces whose three vertices an earlier face has already, in whatever order."""
-    _, first = np.unique(np.sort(faces, axis=1), axis=0, return_index=True)
-    return np.setdiff1d(np.arange(len(faces)), first)
+    a, b, c = faces.astype(np.int64).T
+    low, high = np.minimum(np.minimum(a, b), c), np.maximum(np.maximum(a, b), c)
+    outer, middle = low * (int(high.max(initial=0)) + 1) + high, a + b + c - low - high
+    order = np.lexsort((middle, outer))  # stable: of equal faces the first comes first
+    outer, middle = outer[order], middle[order]
+    again = (outer[1:] == outer[:-1]) & (middle[1:] == middle[:-1])
+    return np.sort(order[1:][again])
 
 
 def duplicate_vertices(vertices: FloatArray) -> IntArray:
     """Return the vertices that lie exactly where an earlier one does."""
-    _, first = np.unique(vertices, axis=0, return_index=True)
-    return np.setdiff1d(np.arange(len(vertices)), first)
+    return np.flatnonzero(first_at_place(vertices) != np.arange(len(vertices)))
+
+
+def first_at_place(vertices: FloatArray) -> IntArray:
+    """Return for each vertex the first one with the same coordinates: mostly itself."""
+    first = np.arange(len(vertices))
+    by_x = np.argsort(vertices[:, 0], kind="stable")
+    x = vertices[by_x, 0]
+    same = np.flatnonzero(x[1:] == x[:-1])
+    # Only those that share x with another are compared any further.
+    shared = np.sort(by_x[np.union1d(same, same + 1)])
+    order = shared[np.lexsort(vertices[shared].T)]
+    new = np.ones(len(order), dtype=bool)
+    new[1:] = (vertices[order][1:] != vertices[order][:-1]).any(axis=1)
+    first[order] = order[new][np.cumsum(new) - 1]
+    return first
 
 
 def slivers(vertices: FloatArray, faces: IntArray, ratio: float = 1e-3) -> IntArray:
@@ -124,40 +180,188 @@ def slivers(vertices: FloatArray, faces: IntArray, ratio: float = 1e-3) -> IntAr
 
     By default their height is less than 0.002 of that edge; the thinnest of TOSCA's cats has 0.001.
     """
-    area, longest = _area_and_longest(vertices, faces)
+    area, longest = area_and_longest_edge(vertices, faces)
     return np.flatnonzero((area > _NO_AREA * longest) & (area < ratio * longest))
+
+
+@dataclass(frozen=True)
+class HalfEdges:
+    """The half-edges of faces, by the edges on which they lie.
+
+    Half-edge 3 f + j runs from corner j of face f to the next corner; the corner where it starts
+    has the same number.
+    """
+
+    start: IntArray
+    """Vertex where each half-edge starts."""
+    end: IntArray
+    """Vertex where it ends."""
+    order: IntArray
+    """Half-edges, those on one edge together, in the order of their faces."""
+    first: IntArray
+    """Where in ``order`` each edge begins."""
+    count: IntArray
+    """How many half-edges lie on each edge."""
+
+    @cached_property
+    def twin(self) -> IntArray:
+        """The other half-edge on each edge with two, else -1."""
+        twin = np.full(len(self.start), -1)
+        one = self.first[self.count == 2]
+        twin[self.order[one]], twin[self.order[one + 1]] = self.order[one + 1], self.order[one]
+        return twin
+
+    @cached_property
+    def pairs(self) -> IntArray:
+        """The half-edges on edges with two, shape (2, n_pairs); in the first row the earlier."""
+        first = self.first[self.count == 2]
+        return np.stack([self.order[first], self.order[first + 1]])
+
+    def on(self, chosen: BoolArray) -> BoolArray:
+        """Return which half-edges lie on the edges that are chosen."""
+        mask = np.zeros(len(self.start), dtype=bool)
+        mask[self.order] = np.repeat(chosen, self.count)
+        return mask
+
+    def alone(self) -> IntArray:
+        """Return the half-edges on edges that no other has: the boundary."""
+        return np.sort(self.order[self.first[self.count == 1]])
+
+
+def half_edges(faces: IntArray) -> HalfEdges:
+    """Sort the half-edges of faces by their edges."""
+    start, end = faces.ravel(), faces[:, [1, 2, 0]].ravel()
+    base = int(faces.max(initial=0)) + 1
+    # One number for each pair: sorting numbers is many times faster than sorting rows.
+    keys = np.minimum(start, end).astype(np.int64) * base + np.maximum(start, end)
+    order = np.argsort(keys, kind="stable")
+    keys = keys[order]
+    first = np.flatnonzero(np.concatenate([[True], keys[1:] != keys[:-1]])[: len(keys)])
+    return HalfEdges(start, end, order, first, np.diff(np.append(first, len(keys))))
 
 
 def nonmanifold_vertices(faces: IntArray, n_vertices: int) -> IntArray:
     """Return the vertices whose faces form more than one fan, as where two cones touch."""
-    corner_of = faces.ravel()  # corner c belongs to face c // 3
-    edges = np.sort(_half_edges(faces), axis=1)
+    edges = half_edges(faces)
+    suspects = vertices_of_many_fans(edges, n_vertices)
+    if not suspects.any():
+        return np.flatnonzero(suspects)
     # Corners of neighbouring faces at the two ends of their common edge belong to one fan.
-    start = np.concatenate([3 * np.arange(len(faces)) + j for j in range(3)])
-    end = np.concatenate([3 * np.arange(len(faces)) + (j + 1) % 3 for j in range(3)])
-    flipped = corner_of[start] > corner_of[end]
-    low, high = np.where(flipped, end, start), np.where(flipped, start, end)
-    order = np.lexsort((edges[:, 1], edges[:, 0]))
-    same = (edges[order][1:] == edges[order][:-1]).all(axis=1)
-    one, other = order[:-1][same], order[1:][same]
-    pairs = np.concatenate(
-        [np.stack([low[one], low[other]]), np.stack([high[one], high[other]])], axis=1
-    )
-    n = len(corner_of)
+    same = np.ones(len(edges.order), dtype=bool)
+    same[edges.first] = False
+    later = np.flatnonzero(same)
+    pairs = np.stack([edges.order[later - 1], edges.order[later]])
+    corners, fan = label_fans(edges, pairs, np.equal(*edges.start[pairs]), suspects)
+    vertex, counts = np.unique(edges.start[corners[_first_of_each(fan)]], return_counts=True)
+    return vertex[counts > 1]
+
+
+def _first_of_each(labels: IntArray) -> IntArray:
+    return np.unique(labels, return_index=True)[1]
+
+
+def vertices_of_many_fans(edges: HalfEdges, n_vertices: int) -> BoolArray:
+    """Return a mask of vertices that may have more than one fan of faces; few have only one.
+
+    Around each vertex one goes from face to face across edges that two faces share and that are
+    wound alike. Where not all faces are met there may be another fan, or an edge of another kind.
+    """
+    start = edges.start
+    twin = np.where(edges.end == start[edges.twin], edges.twin, -1)  # for -1 this is -1 anyway
+    n_corners = len(start)
+    corner = np.arange(n_corners)
+    after = twin[corner - corner % 3 + (corner + 2) % 3]
+    first = np.full(n_vertices, -1)
+    first[start] = corner
+    rim = np.flatnonzero(twin < 0)  # nothing lies before these, so that the way begins there
+    first[start[rim]] = rim
+    walker = first[first >= 0]
+    vertex = start[walker]
+    met = np.zeros(n_vertices, dtype=np.int64)
+    origin = walker
+    while len(walker):
+        met[vertex] += 1
+        walker = after[walker]
+        going = (walker >= 0) & (walker != origin)
+        walker, origin, vertex = walker[going], origin[going], vertex[going]
+    return np.asarray(met != np.bincount(start, minlength=n_vertices))
+
+
+def label_fans(
+    edges: HalfEdges, pairs: IntArray, parallel: BoolArray, at: BoolArray
+) -> tuple[IntArray, IntArray]:
+    """Say which corners are joined by pairs of half-edges that are glued to each other.
+
+    Parameters
+    ----------
+    edges : HalfEdges
+        The half-edges.
+    pairs : ndarray of int, shape (2, n_pairs)
+        Half-edges that are glued.
+    parallel : ndarray of bool, shape (n_pairs,)
+        Whether they start at the same place; otherwise each starts where the other ends.
+    at : ndarray of bool, shape (n_vertices,)
+        The vertices of interest.
+
+    Returns
+    -------
+    corners : ndarray of int, shape (n_corners,)
+        The corners at these vertices.
+    fan : ndarray of int, shape (n_corners,)
+        Number of the fan of each.
+    """
+    corners, links, _ = corner_links(edges, pairs, parallel, at)
+    n = len(corners)
     _, fan = sp.csgraph.connected_components(
-        sp.coo_array((np.ones(pairs.shape[1]), pairs), shape=(n, n)), directed=False
+        sp.coo_array((np.ones(links.shape[1]), links), shape=(n, n)), directed=False
     )
-    n_fans = np.bincount(
-        np.unique(np.stack([corner_of, fan], axis=1), axis=0)[:, 0], minlength=n_vertices
+    return corners, np.asarray(fan, dtype=np.int64)
+
+
+def corner_links(
+    edges: HalfEdges, pairs: IntArray, parallel: BoolArray, at: BoolArray
+) -> tuple[IntArray, IntArray, IntArray]:
+    """Say which corners meet at the two ends of pairs of half-edges that are glued to each other.
+
+    Parameters
+    ----------
+    edges, pairs, parallel, at
+        As `label_fans` takes them.
+
+    Returns
+    -------
+    corners : ndarray of int, shape (n_corners,)
+        The corners at these vertices.
+    links : ndarray of int, shape (2, n_links)
+        Places in ``corners`` of those that meet.
+    pair : ndarray of int, shape (n_links,)
+        The pair where they do.
+    """
+    corners = np.flatnonzero(at[edges.start])
+    number = np.full(len(edges.start), -1)
+    number[corners] = np.arange(len(corners))
+    near = np.flatnonzero((at[edges.start[pairs]] | at[edges.end[pairs]]).any(axis=0))
+    (one, other), parallel = pairs[:, near], parallel[near]
+    after_one, after_other = (half - half % 3 + (half + 1) % 3 for half in (one, other))
+    links = np.concatenate(
+        [
+            np.stack([one, np.where(parallel, other, after_other)]),
+            np.stack([after_one, np.where(parallel, after_other, other)]),
+        ],
+        axis=1,
     )
-    return np.flatnonzero(n_fans > 1)
+    links, pair = number[links], np.concatenate([near, near])
+    known = (links >= 0).all(axis=0)
+    return corners, links[:, known], pair[known]
 
 
 def components(faces: IntArray, n_vertices: int) -> IntArray:
     """Return the component of each vertex as a number; isolated vertices have their own."""
-    edges = _half_edges(faces).astype(np.int32)
+    # Two edges of a triangle connect its three vertices.
+    edges = np.concatenate([faces[:, :2], faces[:, 1:]]).astype(np.int32)
     links = sp.coo_array(
-        (np.ones(len(edges)), (edges[:, 0], edges[:, 1])), shape=(n_vertices, n_vertices)
+        (np.ones(len(edges), dtype=np.int8), (edges[:, 0], edges[:, 1])),
+        shape=(n_vertices, n_vertices),
     )
     return np.asarray(sp.csgraph.connected_components(links, directed=False)[1], dtype=np.int64)
 
@@ -168,15 +372,14 @@ def boundary_pieces(faces: IntArray) -> list[IntArray]:
     Each is an array of shape (n_edges, 2) of the edges that only one face has, running as they do
     in that face.
     """
-    edges = _half_edges(faces)
-    undirected, counts = _count_edges(np.sort(edges, axis=1))
-    base = int(edges.max(initial=0)) + 1
-    keys = np.sort(edges, axis=1) @ [base, 1]
-    rim = edges[counts[np.searchsorted(undirected @ [base, 1], keys)] == 1]
-    if len(rim) == 0:
+    edges = half_edges(faces)
+    alone = edges.alone()
+    if len(alone) == 0:
         return []
+    alone = alone[np.argsort(alone % 3, kind="stable")]
+    rim = np.stack([edges.start[alone], edges.end[alone]], axis=1)
     vertices, numbers = np.unique(rim, return_inverse=True)
-    piece = components(numbers.reshape(rim.shape)[:, [0, 1, 1]], len(vertices))[
-        numbers.reshape(rim.shape)[:, 0]
-    ]
-    return [rim[piece == number] for number in np.unique(piece)]
+    numbers = numbers.reshape(rim.shape)
+    piece = components(numbers[:, [0, 1, 1]], len(vertices))[numbers[:, 0]]
+    order = np.argsort(piece, kind="stable")
+    return np.split(rim[order], np.flatnonzero(np.diff(piece[order])) + 1)

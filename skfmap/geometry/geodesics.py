@@ -78,6 +78,12 @@ def edge_graph(vertices: FloatArray, faces: IntArray) -> SparseMatrix:
     return sp.coo_array((lengths, (ends[:, 0], ends[:, 1])), shape=(len(vertices),) * 2).tocsr()
 
 
+def mean_edge_length(vertices: FloatArray, faces: IntArray) -> float:
+    """Return the mean length of the edges, each counted once for each of its faces."""
+    corners = vertices[faces]
+    return float(np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).mean())
+
+
 def areas_of_landmarks(
     vertices: FloatArray, faces: IntArray, mass: FloatArray, landmarks: IntArray
 ) -> FloatArray:

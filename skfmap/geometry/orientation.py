@@ -1,12 +1,12 @@
 """Which side of a surface is its outside."""
 
-import igl
 import numpy as np
+import scipy.sparse as sp
 
-from skfmap._tools.types import FloatArray, IntArray
-from skfmap.geometry.faults import boundary_pieces, is_wound_consistently
+from skfmap._tools.types import BoolArray, FloatArray, IntArray
+from skfmap.geometry.faults import HalfEdges, area_and_longest_edge, boundary_pieces, half_edges
 
-__all__ = ["orient_faces", "signed_volume"]
+__all__ = ["against_the_rest", "orient_faces", "signed_volume"]
 
 # Below this share of area^(3/2) a signed volume says nothing about sides (a ball has 0.094, a TOSCA
 # cat 0.04).
@@ -28,16 +28,60 @@ def signed_volume(vertices: FloatArray, faces: IntArray) -> float:
     >>> round(6 * signed_volume(corner, faces), 12)
     1.0
     """
-    centred = vertices - vertices.mean(axis=0)
-    volume = _cone_volume(centred[faces])
-    for piece in boundary_pieces(faces):
-        centre = centred[np.unique(piece)].mean(axis=0)
-        start, end = centred[piece[:, 0]], centred[piece[:, 1]]
-        volume += _cone_volume(np.stack([end, start, np.broadcast_to(centre, start.shape)], axis=1))
-    return volume
+    return _signed_volume(vertices, faces, closed=False)
 
 
-def orient_faces(vertices: FloatArray, faces: IntArray) -> tuple[IntArray, bool, bool]:
+def against_the_rest(edges: HalfEdges) -> tuple[BoolArray, BoolArray]:
+    """Say which faces are wound against the rest of their patch.
+
+    A patch is what hangs together across edges with two faces. Of its two windings, the one is
+    taken in which fewer faces have to be turned.
+
+    Parameters
+    ----------
+    edges : HalfEdges
+        The half-edges of the faces.
+
+    Returns
+    -------
+    turned : ndarray of bool, shape (n_faces,)
+        Which faces have to be turned.
+    twisted : ndarray of bool, shape (n_faces,)
+        Which belong to a patch that has no consistent winding; none of them is turned.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from skfmap.geometry.faults import half_edges
+    >>> from skfmap.geometry.orientation import against_the_rest
+    >>> faces = np.array([[0, 1, 2], [0, 2, 3], [0, 3, 4], [0, 5, 4]])
+    >>> against_the_rest(half_edges(faces))[0].tolist()
+    [False, False, False, True]
+    """
+    n = len(edges.start) // 3
+    alike = np.not_equal(*edges.start[edges.pairs])
+    if alike.all():
+        return np.zeros(n, dtype=bool), np.zeros(n, dtype=bool)
+    one, other = edges.pairs // 3
+    # Each face has two sides, f and f + n. Neighbours continue each other on the same side where
+    # they are wound alike; a patch whose two sides hang together has only one.
+    rows = np.concatenate([one, one + n])
+    columns = np.concatenate([np.where(alike, other, other + n), np.where(alike, other + n, other)])
+    _, sheet = sp.csgraph.connected_components(
+        sp.coo_array((np.ones(len(rows), dtype=np.int8), (rows, columns)), shape=(2 * n, 2 * n)),
+        directed=False,
+    )
+    front, back = sheet[:n], sheet[n:]
+    twisted = front == back
+    turned, patch = front > back, np.minimum(front, back)
+    n_turned, size = np.bincount(patch, turned), np.bincount(patch)
+    turned ^= (2 * n_turned > size)[patch]
+    return turned & ~twisted, twisted
+
+
+def orient_faces(
+    vertices: FloatArray, faces: IntArray, edges: HalfEdges | None = None
+) -> tuple[IntArray, bool, bool]:
     """Wind all faces consistently and outwards, as far as that can be told; the numbering stays.
 
     Parameters
@@ -46,6 +90,8 @@ def orient_faces(vertices: FloatArray, faces: IntArray) -> tuple[IntArray, bool,
         Coordinates.
     faces : ndarray of int, shape (n_faces, 3)
         Triangles of one connected component.
+    edges : HalfEdges, optional
+        Their half-edges, where they are known.
 
     Returns
     -------
@@ -56,17 +102,32 @@ def orient_faces(vertices: FloatArray, faces: IntArray) -> tuple[IntArray, bool,
     outward : bool
         Whether they are known to point outwards; False where the surface encloses no volume.
     """
-    oriented = faces if is_wound_consistently(faces) else np.asarray(igl.bfs_orient(faces)[0])
-    if not is_wound_consistently(oriented):
+    edges = half_edges(faces) if edges is None else edges
+    turned, twisted = against_the_rest(edges)
+    if twisted.any() or (edges.count > 2).any():
         return faces, False, False
-    scale = igl.doublearea(vertices, oriented).sum() / 2
+    oriented = faces
+    if turned.any():
+        oriented = np.where(turned[:, None], faces[:, [0, 2, 1]], faces)
+    scale = area_and_longest_edge(vertices, oriented)[0].sum()
     if scale**1.5 == 0:  # no area, or too little to be told from none
         return oriented, True, False
-    volume = signed_volume(vertices, oriented) / scale**1.5
+    closed = not (edges.count == 1).any()
+    volume = _signed_volume(vertices, oriented, closed) / scale**1.5
     if abs(volume) < _FLAT:
         return oriented, True, False
     return (oriented if volume > 0 else oriented[:, [0, 2, 1]]), True, True
 
 
-def _cone_volume(corners: FloatArray) -> float:
-    return float(np.linalg.det(corners).sum() / 6)
+def _signed_volume(vertices: FloatArray, faces: IntArray, closed: bool) -> float:
+    centred = vertices - vertices.mean(axis=0)
+    volume = _cone_volume(*(centred[faces[:, j]] for j in range(3)))
+    for piece in [] if closed else boundary_pieces(faces):
+        centre = centred[np.unique(piece)].mean(axis=0)
+        start, end = centred[piece[:, 0]], centred[piece[:, 1]]
+        volume += _cone_volume(end, start, np.broadcast_to(centre, start.shape))
+    return volume
+
+
+def _cone_volume(a: FloatArray, b: FloatArray, c: FloatArray) -> float:
+    return float((a * np.cross(b, c)).sum() / 6)

@@ -12,14 +12,17 @@ from skfmap._tools.types import FloatArray, IntArray
 from skfmap._tools.validation import is_finite
 from skfmap.geometry.normals import vertex_normals
 
-__all__ = ["Places", "Surface", "places_after_collapse"]
+__all__ = ["Places", "Surface", "places_after_collapse", "surface_of_places"]
 
 # Cosine of the angle up to which normals agree: 60 degrees.
 _AGREES = 0.5
 
-# What disagreement costs, against squared distances of points in a box of size two: faces that
-# disagree come after all that agree, the less they do so the later, and by distance where equal.
-_DISAGREES = 1e3
+# What a cosine below that costs, against squared distances in mean edges: the other side of a wall
+# is 2.4 edges away, wherever it is, and what stands at a right angle 1.4.
+_DISAGREES = 4.0
+
+# Columns of a frame: see `_frames`.
+_FRAME = 15
 
 # Weight of the vertex in the middle up to which a place is on the rim of the faces around it.
 _ON_THE_RIM = 1e-9
@@ -87,18 +90,67 @@ def places_after_collapse(
     return Surface(vertices, faces).around(points, normals, vertex_map)
 
 
+def surface_of_places(
+    given_faces: IntArray, places: Places, vertices: FloatArray, faces: IntArray
+) -> "Surface":
+    """Return a given mesh as it lies on the mesh that its vertices have places on.
+
+    That is the way back: `Surface.locate` then finds the given face, and the place in it, for
+    points of the other mesh.
+
+    Parameters
+    ----------
+    given_faces : ndarray of int, shape (n_given_faces, 3)
+        Triangles of the given mesh.
+    places : Places
+        Where its vertices are on the other mesh.
+    vertices, faces : ndarray
+        The other mesh.
+
+    Returns
+    -------
+    Surface
+        With vertices at their places, and the normals of the faces that they are in.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from skfmap.geometry.normals import vertex_normals
+    >>> from skfmap.geometry.places import places_after_collapse, surface_of_places
+    >>> from skfmap.geometry.sphere import subdivided_octahedron
+    >>> from skfmap.geometry.thinning import thin
+    >>> vertices, faces = subdivided_octahedron(4)
+    >>> thinned = thin(vertices, faces, 200)
+    >>> places = places_after_collapse(vertices, vertex_normals(vertices, faces), *thinned)
+    >>> surface = surface_of_places(faces, places, thinned.vertices, thinned.faces)
+    >>> back = surface.locate(thinned.vertices, vertex_normals(thinned.vertices, thinned.faces))
+    >>> there = vertices[faces[back.face, 0]]
+    >>> bool((np.linalg.norm(there - thinned.vertices, axis=1) < 0.2).all())
+    True
+    """
+    has_place = places.face >= 0
+    face = places.face[has_place]
+    second, third = places.coordinates[has_place].T.astype(np.float64)
+    a, b, c = (vertices[faces[face, j]] for j in range(3))
+    positions = np.full((len(places.face), 3), np.nan)
+    positions[has_place] = a + second[:, None] * (b - a) + third[:, None] * (c - a)
+    normals = np.zeros((len(places.face), 3))
+    normals[has_place] = _unit(np.cross(b - a, c - a))
+    return Surface(positions, given_faces, normals)
+
+
 class Surface:
     """A triangle mesh on which places are looked for.
 
     Parameters
     ----------
     vertices : ndarray of shape (n_vertices, 3)
-        Coordinates; vertices that are not finite are in no place.
+        Coordinates; faces at vertices that are not finite hold no places.
     faces : ndarray of int, shape (n_faces, 3)
         Triangles.
     normals : ndarray of shape (n_vertices, 3), optional
-        Unit normals at vertices, and at faces the normalised sums over their corners; by default
-        the mesh's own.
+        Unit normals at vertices; those of faces are then means over corners. By default the mesh's
+        own.
 
     Examples
     --------
@@ -107,46 +159,51 @@ class Surface:
     >>> vertices = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [1, 1, 0]])
     >>> surface = Surface(vertices, np.array([[0, 1, 2], [3, 2, 1]]))
     >>> places = surface.locate(np.array([[0.25, 0.5, 0.1]]), np.array([[0, 0, 1.0]]))
-    >>> places.face.tolist(), places.coordinates.tolist(), places.distance.round(9).tolist()
+    >>> places.face.tolist(), places.coordinates.tolist(), places.distance.round(6).tolist()
     ([0], [[0.25, 0.5]], [0.1])
     """
 
     def __init__(
         self, vertices: FloatArray, faces: IntArray, normals: FloatArray | None = None
     ) -> None:
-        usable = is_finite(vertices)
+        finite = is_finite(vertices)
         self._vertices = vertices
-        self._faces = faces
-        self._used = np.flatnonzero(usable[faces].all(axis=1))
-        corners = vertices[faces[self._used]]
-        low, high = corners.min(axis=(0, 1)), corners.max(axis=(0, 1))
+        self._vertex_normals = normals
+        self._used = np.flatnonzero(finite[faces[:, 0]] & finite[faces[:, 1]] & finite[faces[:, 2]])
+        self._corners = faces if len(self._used) == len(faces) else faces[self._used]
+        low, high = vertices[finite].min(axis=0), vertices[finite].max(axis=0)
         self._centre = (low + high) / 2
         self._scale = float((high - low).max()) / 2 or 1.0
-        corners = (corners - self._centre) / self._scale
-        n_vertices, n_used = len(vertices), len(self._used)
+        self._edge = _mean_edge(vertices, self._corners) / self._scale
+        n_used = len(self._used)
         self._star = sp.csr_array(  # in which faces vertices are
             (
-                np.ones(3 * n_used, dtype=np.int8),
-                (faces[self._used].ravel(), np.repeat(np.arange(n_used), 3)),
+                np.ones(3 * n_used, dtype=np.int32),
+                (self._corners.ravel(), np.repeat(np.arange(n_used), 3)),
             ),
-            shape=(n_vertices, n_used),
+            shape=(len(vertices), n_used),
         )
         self._star.sort_indices()
-        self._frames, own_normals = _frames(corners)
-        if normals is None:
-            self._normals = own_normals
-            self._vertex_normals = None
-        else:
-            self._vertex_normals = normals
-            self._normals = _unit(normals[faces[self._used]].sum(axis=1))
+        # Filled in for the faces that are looked at.
+        self._frames = np.empty((n_used, _FRAME))
+        self._has_frame = np.zeros(n_used, dtype=bool)
 
-    def around(self, points: FloatArray, normals: FloatArray, nearby: IntArray) -> Places:
+    def around(
+        self,
+        points: FloatArray,
+        normals: FloatArray,
+        nearby: IntArray,
+        *,
+        agreeing: bool = False,
+    ) -> Places:
         """Return the places of points within two rings of faces around vertices.
 
         Of the faces around its vertex, a point gets the nearest point on those whose normals are
         within 60 degrees of its own. Where that lies on the outer rim of these faces, or where
-        none agrees, the faces around the neighbours are looked at as well. Where none of these
-        agrees either, it gets the nearest point on the face whose normal is the nearest to its own.
+        none agrees, the faces around the neighbours are looked at as well. A face that does not
+        agree is taken only where it is nearer than any that does by more than a mean edge or two,
+        the more the less it agrees: that happens to single vertices with odd normals, but not
+        across walls.
 
         Parameters
         ----------
@@ -154,6 +211,8 @@ class Surface:
             Coordinates, and unit normals (zero where there is none: then every face is as good).
         nearby : ndarray of int, shape (n_points,)
             A vertex near each point; -1 for points without a place.
+        agreeing : bool
+            Whether points have no place where the normal of its face does not agree.
 
         Returns
         -------
@@ -170,6 +229,7 @@ class Surface:
 
         def look(rings: sp.csr_array, rows: IntArray, asked: IntArray) -> IntArray:
             """Look in rows of faces, and return which points may be nearer to others."""
+            self._prepare(rings[np.unique(rows)].indices.astype(np.int64))
             further = []
             for part in _parts(np.diff(rings.indptr)[rows]):
                 which = asked[part]
@@ -177,7 +237,7 @@ class Surface:
                     scaled[which], normals[which], rings, rows[part]
                 )
                 face[which], weights[which], squared[which] = found, *place
-                corner = self._faces[self._used[found]] == nearby[which, None]
+                corner = self._corners[found] == nearby[which, None]
                 second, third = place[0].T
                 own = (corner * np.column_stack([1 - second - third, second, third])).sum(axis=1)
                 further.append(which[(own <= _ON_THE_RIM) | ~agrees])
@@ -188,12 +248,16 @@ class Surface:
         centres, rows = np.unique(nearby[further], return_inverse=True)
         look(self._two_rings(centres), rows, further)
         has_place = face >= 0
+        if agreeing:
+            cosines = _dot(normals[has_place], self._frames[face[has_place], 9:12])
+            has_place[has_place] = cosines >= _AGREES
+            face[~has_place], weights[~has_place], squared[~has_place] = -1, np.nan, np.nan
         face[has_place] = self._used[face[has_place]]
         return Places(
             face.astype(np.int32), weights.astype(np.float32), self._scale * np.sqrt(squared)
         )
 
-    def locate(self, points: FloatArray, normals: FloatArray) -> Places:
+    def locate(self, points: FloatArray, normals: FloatArray, *, agreeing: bool = False) -> Places:
         """Return the places of points near the vertices that are nearest in position and normal.
 
         The distance to a vertex has a second term, by how much normals differ times the mean edge:
@@ -202,37 +266,55 @@ class Surface:
         Parameters
         ----------
         points, normals : ndarray of shape (n_points, 3)
-            Coordinates and unit normals.
+            Coordinates and unit normals; points that are not finite have no place.
+        agreeing : bool
+            Whether points have no place where the normal of its face does not agree.
 
         Returns
         -------
         Places
             For each point: see `around`.
         """
-        tree, numbers, edge = self._tree
+        tree, numbers = self._tree
         scaled = (points - self._centre) / self._scale
-        _, nearest = tree.query(np.column_stack([scaled, edge * normals]))
-        return self.around(points, normals, numbers[nearest])
+        asked = is_finite(points)
+        nearby = np.full(len(points), -1)
+        there = np.column_stack([scaled, self._edge * normals])[asked]
+        nearby[asked] = numbers[tree.query(there)[1]]
+        return self.around(points, normals, nearby, agreeing=agreeing)
 
     @cached_property
-    def _tree(self) -> tuple[KDTree, IntArray, float]:
-        """Return a tree of positions and normals, the vertices in it and the mean edge."""
-        used = np.unique(self._faces[self._used])
+    def _tree(self) -> tuple[KDTree, IntArray]:
+        """Return a tree of positions and normals, and the vertices in it."""
+        used = np.flatnonzero(np.diff(self._star.indptr))
         normals = self._vertex_normals
         if normals is None:
-            normals = vertex_normals(self._vertices, self._faces)
+            normals = vertex_normals(self._vertices, self._corners)
         scaled = (self._vertices[used] - self._centre) / self._scale
-        ends = self._faces[self._used]
-        steps = (self._vertices[ends] - self._vertices[np.roll(ends, 1, axis=1)]) / self._scale
-        edge = float(np.linalg.norm(steps, axis=2).mean())
-        return KDTree(np.column_stack([scaled, edge * normals[used]])), used, edge
+        return KDTree(np.column_stack([scaled, self._edge * normals[used]])), used
 
     def _two_rings(self, centres: IntArray) -> sp.csr_array:
         """Return in a row for each vertex the faces around it and around its neighbours."""
-        neighbours = self._star[centres].astype(np.int32) @ self._star.T.astype(np.int32)
-        rings = sp.csr_array(neighbours @ self._star.astype(np.int32))
+        corners = sp.csr_array(
+            (self._star.data, self._corners.ravel(), 3 * np.arange(len(self._used) + 1)),
+            shape=self._star.shape[::-1],
+        )
+        rings = sp.csr_array(self._star[centres] @ corners @ self._star)
         rings.sort_indices()
         return rings
+
+    def _prepare(self, faces: IntArray) -> None:
+        """Make the frames of faces that have none yet."""
+        wanted = np.zeros(len(self._used), dtype=bool)
+        wanted[faces] = True
+        new = np.flatnonzero(wanted & ~self._has_frame)
+        self._has_frame[new] = True
+        corners = self._corners[new]
+        a, b, c = ((self._vertices[corners[:, j]] - self._centre) / self._scale for j in range(3))
+        frames = _frames(a, b, c)
+        if self._vertex_normals is not None:
+            frames[:, 9:12] = _unit(self._vertex_normals[corners].sum(axis=1))
+        self._frames[new] = frames
 
     def _nearest(
         self, points: FloatArray, normals: FloatArray, rings: sp.csr_array, rows: IntArray
@@ -243,9 +325,10 @@ class Surface:
         owner = np.repeat(np.arange(len(rows)), counts)
         steps = np.arange(len(owner)) - starts[owner]
         face = rings.indices[rings.indptr[rows][owner] + steps]
-        second, third, squared = _nearest_points(points[owner], self._frames, face)
-        cosine = (normals[owner] * self._normals[face]).sum(axis=1)
-        cost = squared + _DISAGREES * np.where(cosine >= _AGREES, 0.0, 2.0 - cosine)
+        frames = self._frames[face]
+        second, third, squared = _nearest_points(points[owner], frames)
+        cosine = _dot(normals[owner], frames[:, 9:12])
+        cost = squared + _DISAGREES * self._edge**2 * np.maximum(_AGREES - cosine, 0.0)
         best = np.minimum.reduceat(cost, starts)
         hit = np.flatnonzero(cost == best[owner])
         _, first = np.unique(owner[hit], return_index=True)
@@ -262,41 +345,48 @@ def _parts(counts: IntArray) -> list[slice]:
     return [slice(start, end) for start, end in zip(cuts, ends, strict=True)]
 
 
+def _mean_edge(vertices: FloatArray, corners: IntArray) -> float:
+    lengths = [
+        np.linalg.norm(vertices[corners[:, j]] - vertices[corners[:, j - 1]], axis=1).mean()
+        for j in range(3)
+    ]
+    return float(np.mean(lengths))
+
+
+def _dot(a: FloatArray, b: FloatArray) -> FloatArray:
+    return np.asarray(np.einsum("ij,ij->i", a, b))
+
+
 def _unit(vectors: FloatArray) -> FloatArray:
-    lengths = np.linalg.norm(vectors, axis=-1, keepdims=True)
+    lengths = np.linalg.norm(vectors, axis=1, keepdims=True)
     return np.asarray(vectors / np.where(lengths > 0, lengths, 1.0))
 
 
-def _frames(corners: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return a frame for each triangle, and its normal.
+def _frames(a: FloatArray, b: FloatArray, c: FloatArray) -> FloatArray:
+    """Return a frame for each triangle, from its corners.
 
-    Columns of the frames: the first corner; the directions of x, along the first edge, and y, in
-    the plane of the triangle; x of the second corner; x and y of the third.
+    Columns: the first corner; the directions of x, along the first edge, of y, in the plane of the
+    triangle, and of its normal; x of the second corner; x and y of the third.
     """
-    a, b, c = corners.transpose(1, 0, 2)
     along = _unit(np.where((b == a).all(axis=1, keepdims=True), c - a, b - a))
     normal = _unit(np.cross(b - a, c - a))
     across = np.cross(normal, along)
-    x_of_second = ((b - a) * along).sum(axis=1)
-    x_of_third, y_of_third = ((c - a) * along).sum(axis=1), ((c - a) * across).sum(axis=1)
-    planar = np.column_stack([x_of_second, x_of_third, y_of_third])
-    return np.concatenate([a, along, across, planar], axis=1), normal
+    planar = np.column_stack([_dot(b - a, along), _dot(c - a, along), _dot(c - a, across)])
+    return np.concatenate([a, along, across, normal, planar], axis=1)
 
 
 def _nearest_points(
-    points: FloatArray, frames: FloatArray, face: IntArray
+    points: FloatArray, frames: FloatArray
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Return the points of triangles nearest to points: two weights and the squared distance."""
-    frame = frames[face]
-    away = points - frame[:, :3]
-    x = np.einsum("ij,ij->i", away, frame[:, 3:6])
-    y = np.einsum("ij,ij->i", away, frame[:, 6:9])
-    height = np.einsum("ij,ij->i", away, away) - x**2 - y**2
-    b, c, d = frame[:, 9], frame[:, 10], frame[:, 11]  # corners (0, 0), (b, 0), (c, d)
+    away = points - frames[:, :3]
+    x, y = _dot(away, frames[:, 3:6]), _dot(away, frames[:, 6:9])
+    height = _dot(away, away) - x**2 - y**2
+    b, c, d = frames[:, 12], frames[:, 13], frames[:, 14]  # corners (0, 0), (b, 0), (c, d)
     third = _divide(y, d)
     second = _divide(x - third * c, b)
     outside = (second < 0) | (third < 0) | (second + third > 1) | (d == 0) | (b == 0)
-    squared = np.zeros(len(face))
+    squared = np.zeros(len(points))
 
     at = np.flatnonzero(outside)
     x, y, b, c, d = x[at], y[at], b[at], c[at], d[at]

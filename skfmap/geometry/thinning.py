@@ -6,21 +6,22 @@ from typing import NamedTuple
 import fast_simplification
 import igl
 import numpy as np
+from scipy.spatial import KDTree
 
 from skfmap._tools.types import BoolArray, FloatArray, IntArray
 from skfmap.geometry.faults import (
-    boundary_vertices,
     count_components,
     is_wound_consistently,
     nonmanifold_edges,
     nonmanifold_vertices,
 )
+from skfmap.geometry.normals import vertex_normals
 
-__all__ = ["Thinned", "thin"]
+__all__ = ["Thinned", "ThinningReport", "check_thinned", "thin"]
 
 # Quadrics thin to this many times what is asked for, quickly, and shortest edges do the rest,
 # which leaves vertices as evenly spaced as eigenfunctions want them. See the notes of `thin`.
-_FIRST_STAGE = 5
+_FIRST_STAGE = 10
 
 # Weight of staying where an edge was collapsed to, against squared distances from the planes of
 # the faces around: enough to hold vertices within flat regions.
@@ -39,6 +40,9 @@ _SMALL_STEP = 0.1
 # the share of it that is near enough.
 _TRIES = 6
 _NEARLY = 0.99
+
+# Cosine below which normals on two sides of a wall are opposite: 120 degrees.
+_OPPOSITE = -0.5
 
 # The library keeps its mesh in global variables, in four calls for one simplification.
 _ONE_AT_A_TIME = threading.Lock()
@@ -115,17 +119,108 @@ def thin(vertices: FloatArray, faces: IntArray, n_vertices: int) -> Thinned:
     centre, scale = (low + high) / 2, float((high - low).max()) / 2
     dense = Thinned((vertices - centre) / scale, faces, np.arange(n_given))
     sparse = dense
-    n_rim = int(boundary_vertices(faces, n_given).sum())
+    n_rim = _count_rim(faces, n_given)
     n_first = _FIRST_STAGE * n_vertices + n_rim  # which is kept then
-    while 2 * n_first < n_given and sparse is dense:
+    while 1.5 * n_first < n_given and sparse is dense:
         candidate = _by_quadrics(dense, n_first)
-        if _is_sound(candidate):
+        if _is_manifold(candidate) and count_components(candidate.faces, len(candidate[0])) == 1:
             sparse = candidate
         n_first *= 2
     rim_left = n_rim * (n_vertices / n_given) ** 0.5  # it is thinned like a curve
     thinned = _by_shortest_edges(sparse, n_vertices, rim_left)
     placed = _on_the_surface(thinned, sparse)
     return Thinned(placed * scale + centre, thinned.faces, thinned.vertex_map[sparse.vertex_map])
+
+
+class ThinningReport(NamedTuple):
+    """How well a thinned mesh stands for the given one.
+
+    Attributes
+    ----------
+    hausdorff : tuple of float
+        The largest distance of a given vertex from the thinned surface, and of a thinned vertex
+        from the given surface, as shares of the square root of the given area.
+    n_pieces : int
+        Connected pieces of the thinned mesh.
+    manifold : bool
+        Whether its faces form one consistently wound sheet at each edge and vertex.
+    thin_wall_share : float
+        Share of its area where the other side of the wall is less than a mean edge away.
+    """
+
+    hausdorff: tuple[float, float]
+    n_pieces: int
+    manifold: bool
+    thin_wall_share: float
+
+
+def check_thinned(
+    vertices: FloatArray, faces: IntArray, thinned: Thinned, distances: FloatArray
+) -> ThinningReport:
+    """Measure how well a thinned mesh stands for the given one.
+
+    Parameters
+    ----------
+    vertices, faces : ndarray
+        The given mesh.
+    thinned : Thinned
+        What `thin` made of it.
+    distances : ndarray of shape (n_given,)
+        How far given vertices are from their places, as by
+        `skfmap.geometry.places.places_after_collapse`.
+
+    Returns
+    -------
+    ThinningReport
+        The second distance is to the given faces around the vertices that were collapsed into the
+        thinned one, never through a wall.
+
+    Examples
+    --------
+    >>> from skfmap.geometry.normals import vertex_normals
+    >>> from skfmap.geometry.places import places_after_collapse
+    >>> from skfmap.geometry.sphere import subdivided_octahedron
+    >>> from skfmap.geometry.thinning import check_thinned, thin
+    >>> vertices, faces = subdivided_octahedron(4)
+    >>> thinned = thin(vertices, faces, 200)
+    >>> places = places_after_collapse(vertices, vertex_normals(vertices, faces), *thinned)
+    >>> report = check_thinned(vertices, faces, thinned, places.distance)
+    >>> report.n_pieces, report.manifold, report.thin_wall_share, max(report.hausdorff) < 0.01
+    (1, True, 0.0, True)
+    """
+    n = len(thinned.vertices)
+    size = float(_normals(vertices, faces)[1].sum() / 2) ** 0.5
+    hausdorff = float(np.nanmax(distances)) / size, _distance_back(vertices, faces, thinned) / size
+    n_pieces = count_components(thinned.faces, n)
+    return ThinningReport(hausdorff, n_pieces, _is_manifold(thinned), _thin_wall_share(thinned))
+
+
+def _distance_back(vertices: FloatArray, faces: IntArray, thinned: Thinned) -> float:
+    """Return the largest distance of a thinned vertex from given faces that belong to it."""
+    squared = ((vertices - thinned.vertices[thinned.vertex_map]) ** 2).sum(axis=1)
+    order = np.lexsort((squared, thinned.vertex_map))
+    _, first = np.unique(thinned.vertex_map[order], return_index=True)
+    nearby = np.zeros(len(vertices), dtype=bool)
+    nearby[order[first]] = True
+    nearby[faces[nearby[faces].any(axis=1)]] = True
+    around = faces[nearby[faces].any(axis=1)]
+    return (
+        float(igl.point_mesh_squared_distance(thinned.vertices, vertices, around)[0].max()) ** 0.5
+    )
+
+
+def _thin_wall_share(mesh: Thinned) -> float:
+    """Return the share of area with a vertex behind it, facing the other way, within an edge."""
+    corners = mesh.vertices[mesh.faces]
+    edge = float(np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).mean())
+    normals = vertex_normals(mesh.vertices, mesh.faces)
+    here, there = KDTree(mesh.vertices).query_pairs(edge, output_type="ndarray").T
+    opposite = (normals[here] * normals[there]).sum(axis=1) < _OPPOSITE
+    behind = ((mesh.vertices[there] - mesh.vertices[here]) * normals[here]).sum(axis=1) < 0
+    on_wall = np.zeros(len(mesh.vertices))
+    on_wall[here[opposite & behind]] = on_wall[there[opposite & behind]] = 1.0
+    areas = _normals(mesh.vertices, mesh.faces)[1]
+    return float((on_wall[mesh.faces].mean(axis=1) * areas).sum() / areas.sum())
 
 
 def _by_quadrics(mesh: Thinned, n_vertices: int) -> Thinned:
@@ -150,8 +245,10 @@ def _by_quadrics(mesh: Thinned, n_vertices: int) -> Thinned:
     left = into[mesh.faces]
     left = left[_has_three_corners(left)]
     # The library numbers what is left in the order of the given vertices.
+    is_used = np.zeros(n_given, dtype=bool)
+    is_used[left] = True
+    used = np.flatnonzero(is_used)
     number = np.full(n_given, -1)
-    used = np.unique(left)
     number[used] = np.arange(len(used))
     faces = _without_folds(number[left])
     kept, faces = np.unique(faces, return_inverse=True)
@@ -166,7 +263,7 @@ def _by_shortest_edges(mesh: Thinned, n_vertices: int, n_rim: float) -> Thinned:
     """Collapse shortest edges until few vertices are left, about so many of them on the rim."""
     n, n_faces = len(mesh.vertices), len(mesh.faces)
     # Euler: n = n_faces / 2 + n_rim / 2 + characteristic, for the given mesh and for what is left.
-    characteristic = n - (n_faces + boundary_vertices(mesh.faces, n).sum()) / 2
+    characteristic = n - (n_faces + _count_rim(mesh.faces, n)) / 2
     best = mesh
     for _ in range(_TRIES):
         wanted = min(int(2 * (n_vertices - characteristic) - n_rim), n_faces - 1)
@@ -181,7 +278,7 @@ def _by_shortest_edges(mesh: Thinned, n_vertices: int, n_rim: float) -> Thinned:
             best = Thinned(np.ascontiguousarray(vertices), faces, onwards)
         if _NEARLY * n_vertices <= n_left <= n_vertices:
             break
-        n_rim = boundary_vertices(faces, n_left).sum() + (n_left > n_vertices)
+        n_rim = _count_rim(faces, n_left) + (n_left > n_vertices)
     return best
 
 
@@ -281,14 +378,29 @@ def _spread(vertex_map: IntArray, mesh: Thinned, positions: FloatArray) -> IntAr
         vertex_map[vertex] = target[order][first]
 
 
-def _is_sound(mesh: Thinned) -> bool:
-    n = len(mesh.vertices)
+def _is_manifold(mesh: Thinned) -> bool:
     return (
-        count_components(mesh.faces, n) == 1
-        and is_wound_consistently(mesh.faces)
+        is_wound_consistently(mesh.faces)
         and not len(nonmanifold_edges(mesh.faces))
-        and not len(nonmanifold_vertices(mesh.faces, n))
+        and not len(nonmanifold_vertices(mesh.faces, len(mesh.vertices)))
     )
+
+
+def _count_rim(faces: IntArray, n_vertices: int) -> int:
+    """Return the number of vertices on the boundary, without sorting edges.
+
+    Around a vertex inside, each neighbour comes after it in one face and before it in another;
+    at the boundary the first and the last do not.
+    """
+    first, second, third = faces.T
+    sums = np.zeros(n_vertices)
+    for here, after, before in (
+        (first, second, third),
+        (second, third, first),
+        (third, first, second),
+    ):
+        sums += np.bincount(here, (after - before).astype(np.float64), n_vertices)
+    return int(np.count_nonzero(sums))
 
 
 def _has_three_corners(faces: IntArray) -> BoolArray:

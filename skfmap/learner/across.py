@@ -7,7 +7,7 @@ import numpy as np
 from skfmap._tools.caching import cached, hash_of_arrays
 from skfmap._tools.types import FloatArray, IntArray
 from skfmap.geometry.geodesics import farthest_vertices, heat_distances
-from skfmap.shapes import JoinedPairs, Mesh
+from skfmap.shapes import JoinedPairs, Mesh, SpectralShape
 
 __all__ = ["Across", "cross_over", "extend_pairs"]
 
@@ -18,7 +18,11 @@ _N_NEAREST = 6
 
 
 class Across(NamedTuple):
-    """From the bridge to the reference: point map, uncertainty, mean error, and the way back."""
+    """From the bridge to the given reference: point map, uncertainty, mean error; the way back.
+
+    The bridge is taken on its working mesh. Where a given vertex of the reference has no place, the
+    way back is -1.
+    """
 
     p2p: IntArray
     uncertainty: FloatArray
@@ -26,13 +30,38 @@ class Across(NamedTuple):
     inverse: IntArray
 
 
-def cross_over(bridge: Mesh, reference: Mesh, join: JoinedPairs, memory: Any = None) -> Across:
-    """Extend the known pairs of the bridge and the reference, both ways."""
-    back = JoinedPairs(join.vertices_0, join.vertices_i, join.points, join.weights)
-    return Across(
-        *extend_pairs(bridge, reference, join, memory),
-        extend_pairs(reference, bridge, back, memory)[0],
-    )
+def cross_over(
+    bridge: SpectralShape,
+    reference: SpectralShape,
+    join: JoinedPairs,
+    given_of_working: IntArray,
+    memory: Any = None,
+) -> Across:
+    """Extend the known pairs of the bridge and the reference, both ways.
+
+    Parameters
+    ----------
+    bridge, reference : SpectralShape
+        The two shapes.
+    join : JoinedPairs
+        Known pairs of given vertices of the two.
+    given_of_working : ndarray of int, shape (n_working_0,)
+        The given vertex nearest to each working one of the reference.
+    memory : None, str or joblib.Memory
+        Where the result is cached.
+
+    Returns
+    -------
+    Across
+        Point maps between the working vertices of the bridge and the given ones of the reference.
+    """
+    at, at_0 = bridge.working_vertices(join.vertices_i), reference.working_vertices(join.vertices_0)
+    there = JoinedPairs(at, at_0, join.points, join.weights)
+    back = JoinedPairs(at_0, at, join.points, join.weights)
+    p2p, uncertainty, error = extend_pairs(bridge.mesh, reference.mesh, there, memory)
+    inverse, _, _ = extend_pairs(reference.mesh, bridge.mesh, back, memory)
+    to_working = reference.working_vertices(np.arange(reference.n_given))
+    return Across(given_of_working[p2p], uncertainty, error, np.append(inverse, -1)[to_working])
 
 
 def extend_pairs(

@@ -25,6 +25,7 @@ from skfmap.learner.across import Across, cross_over
 from skfmap.learner.confidence import Confidence
 from skfmap.learner.diagnostics import diagnose_new_shapes, is_mirrored, report
 from skfmap.learner.estimator import WeightedFunctionalMapLearner
+from skfmap.learner.given_answers import given_reference, on_working_mesh
 from skfmap.learner.inputs import check_shapes
 from skfmap.learner.matcher import Matcher, Solution
 from skfmap.learner.new_shape import no_match
@@ -33,7 +34,6 @@ from skfmap.learner.scoring import score_point_maps
 from skfmap.learner.training_set import TrainingSet
 from skfmap.refinement import Refinement
 from skfmap.shapes import Match
-from skfmap.shapes.given_vertices import as_renumbered
 from skfmap.shapes.usable import Answer, ProbedItem, put_back
 
 __all__ = ["BridgedLearner"]
@@ -266,7 +266,10 @@ class BridgedLearner(Versioned, BaseEstimator):
         if self.bridge_ is None or self._across is None:
             return learner.pair_errors(X, y, method=method, reference_y=reference_y, **how)
         usable, answers = learner._scored(X, y)
-        p2ps = [self._across.p2p[p2p] for p2p in self.bridge_._point_maps(usable.shapes, **how)]
+        p2ps = [
+            np.append(self._across.p2p, -1)[p2p]
+            for p2p in self.bridge_._point_maps(usable.shapes, **how)
+        ]
         measured = {
             "method": method,
             "memory": learner.memory,
@@ -376,7 +379,10 @@ def _what_is_left(training: TrainingSet, i: int, j: int) -> float:
     if len(np.unique(join.vertices_i)) < k:
         return np.inf
     spectral_i, spectral_j = training.shapes[i].spectral, training.shapes[j].spectral
-    evecs_i, evecs_j = spectral_i.evecs[join.vertices_i, :k], spectral_j.evecs[join.vertices_0, :k]
+    evecs_i, evecs_j = (
+        spectral_i.evecs_at(join.vertices_i, k),
+        spectral_j.evecs_at(join.vertices_0, k),
+    )
     areas = join.weights / join.weights.sum()
     C = map_from_pairs(
         evecs_i, evecs_j, areas, laplacian_mask(spectral_i.evals[:k], spectral_j.evals[:k])
@@ -388,19 +394,25 @@ def _learn_bridge(
     estimator: WeightedFunctionalMapLearner, training: TrainingSet, index: int
 ) -> tuple[WeightedFunctionalMapLearner, Across]:
     """Learn the maps to a training shape, and extend its correspondence to the reference."""
-    shape = training.shapes[index]
+    bridge, truth = on_working_mesh(training.shapes[index], training.truths[index])
     order = [index, *(i for i in range(len(training.shapes)) if i != index)]
     inner = clone(estimator).set_params(reference="first", verbose=0)
     to_bridge = inner._training_set(
-        [as_renumbered(training.shapes[i]) for i in order],
-        [training.truths[i] for i in order],
+        [bridge, *(training.shapes[i] for i in order[1:])],
+        [truth, *(training.truths[i] for i in order[1:])],
         [1.0, *training.share[order[1:]]],
     )
     # What it shows has been told by the fit on the reference, with the caller's indices.
     fitted, _ = inner._fitted(to_bridge, FitTask.untold())
     vars(inner).update(fitted)
-    mesh, mesh_0 = shape.spectral.mesh, training.reference.spectral.mesh
-    return inner, cross_over(mesh, mesh_0, training.joins[index], training.memory)
+    across = cross_over(
+        training.shapes[index].spectral,
+        training.reference.spectral,
+        training.joins[index],
+        given_reference(training.reference).of_working_vertices(),
+        training.memory,
+    )
+    return inner, across
 
 
 def _errors(
@@ -424,9 +436,9 @@ def _cross(
 
     Its functional map is the direct one.
     """
-    n_j, mesh_0 = len(across.p2p), matcher.reference.spectral.mesh
+    n_j, spectral_0 = len(across.p2p), matcher.reference.spectral
     step = sp.coo_array(
-        (np.ones(n_j), (np.arange(n_j), across.p2p)), shape=(n_j, mesh_0.n_vertices)
+        (np.ones(n_j), (np.arange(n_j), across.p2p)), shape=(n_j, spectral_0.n_given)
     ).tocsr()
     expected = match.expected_error
     if expected is not None:
@@ -438,9 +450,9 @@ def _cross(
         functional_map=solution.C,
         reduced_map=solution.C @ matcher.stable_basis[:, : matcher.settings.n_stable],
         reference_name=matcher.reference.name,
-        reference_hash=mesh_0.content_hash,
+        reference_hash=spectral_0.given_hash,
         refined_map=None,
         matrix=match.matrix @ step,
-        inverse=match.inverse[across.inverse],
+        inverse=np.append(match.inverse, -1)[across.inverse],
         familiar=None if confidence is None else confidence.is_familiar(solution, match.misfit),
     )

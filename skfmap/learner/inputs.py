@@ -5,10 +5,9 @@ from typing import Any
 
 import numpy as np
 
-from skfmap._tools.validation import check_index_range, check_pairs, check_samples
+from skfmap._tools.validation import check_index_range, check_pairs, check_samples, label
 from skfmap.exceptions import CorrespondenceError
 from skfmap.shapes import Correspondence, ProbedShape, SkippedShape
-from skfmap.shapes.given_vertices import n_given_vertices, renumber
 from skfmap.shapes.usable import Usable, describe, pick_usable, warn_of_skipped
 
 __all__ = ["check_correspondences", "check_new_shapes", "check_scored", "check_shapes"]
@@ -74,7 +73,7 @@ def check_scored(
 def check_correspondences(
     y: object, shapes: Sequence[ProbedShape | SkippedShape], *, skip: bool = False
 ) -> list[Any]:
-    """Return correspondences in the numbers of their shapes' meshes.
+    """Return correspondences without the vertices that have no place on their working meshes.
 
     For a shape that is skipped, the `SkippedShape` itself.
 
@@ -121,17 +120,17 @@ def _checked(
     if isinstance(shape, SkippedShape):
         return shape
     try:
-        return renumber(_check_correspondence(item, i, shape), shape.spectral)
+        return _placed(_check_correspondence(item, i, shape), shape)
     except CorrespondenceError as error:
         if not skip:
             raise
-        return SkippedShape(shape.name, str(error), n_given_vertices(shape.spectral))
+        return SkippedShape(shape.name, str(error), shape.spectral.n_given)
 
 
 def _check_correspondence(item: object, i: int, shape: ProbedShape) -> Correspondence:
     who = f"y[{i}]" if shape.name is None else f"y[{i}] (of {shape.name!r})"
     truth = item if isinstance(item, Correspondence) else Correspondence(check_pairs(item, who))
-    n_vertices = n_given_vertices(shape.spectral)
+    n_vertices = shape.spectral.n_given
     if truth.n_vertices not in (None, n_vertices):
         raise CorrespondenceError(
             f"{who} was made for {truth.n_vertices} vertices, but the shape has {n_vertices}. If "
@@ -145,3 +144,17 @@ def _check_correspondence(item: object, i: int, shape: ProbedShape) -> Correspon
     if truth.weights is not None and not truth.weights.any():
         raise CorrespondenceError(f"All weights of {who} are zero; leave the shape out.")
     return truth
+
+
+def _placed(truth: Correspondence, shape: ProbedShape) -> Correspondence:
+    """Return the pairs of vertices that have a place on the working mesh."""
+    prolongation = shape.spectral.prolongation
+    if prolongation is None or prolongation.placed.all():
+        return truth
+    kept = truth.renumber(np.where(prolongation.placed, np.arange(len(prolongation.face)), -1))
+    if len(kept.pairs) == 0:
+        raise CorrespondenceError(
+            f"All pairs of {label(shape.name, 'shape')} are at vertices that were left out when "
+            "its mesh was mended; leave the shape out, or mend it yourself."
+        )
+    return kept

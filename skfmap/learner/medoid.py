@@ -31,7 +31,10 @@ def medoid_index(
         raise CorrespondenceError(
             "reference='medoid' needs template points that all shapes have; name a shape."
         )
-    vertices = [_vertices_at(truth, common) for truth in truths]
+    vertices = [
+        shape.spectral.working_vertices(_vertices_at(truth, common))
+        for shape, truth in zip(shapes, truths, strict=True)
+    ]
     first = shapes[0].spectral.mesh
     spread, _ = farthest_vertices(first.vertices, first.faces, np.unique(vertices[0]), _N_POINTS)
     columns = np.searchsorted(vertices[0], spread, sorter=np.argsort(vertices[0], kind="stable"))

@@ -10,11 +10,15 @@ from sklearn.neighbors import NearestNeighbors
 from skfmap._tools.types import FloatArray, IntArray, SparseMatrix
 from skfmap.functional.subvertex import nearest_on_triangles
 from skfmap.learner.confidence import Confidence
+from skfmap.learner.given_answers import (
+    GivenReference,
+    on_given_meshes,
+    point_map_on_given,
+)
 from skfmap.learner.matcher import Matcher, Solution
 from skfmap.learner.signs import count_supporting
 from skfmap.refinement import PointMatch
 from skfmap.shapes import Match, ProbedShape, SkippedShape
-from skfmap.shapes.given_vertices import as_given
 
 __all__ = ["INTERPOLATIONS", "MatchedShape", "match_shape", "no_match", "point_map"]
 
@@ -33,9 +37,13 @@ class MatchedShape(NamedTuple):
     solution: Solution
 
 
-def point_map(matcher: Matcher, shape: ProbedShape) -> IntArray:
-    """Return the vertex of S_0 for each vertex of S_i."""
-    return matcher.match_points(shape, matcher.solve(shape).C)[1].p2p
+def point_map(matcher: Matcher, shape: ProbedShape, target: GivenReference) -> IntArray:
+    """Return the given vertex of S_0 for each given vertex of S_i."""
+    after = matcher.match_points(shape, matcher.solve(shape).C)[1]
+    if target.is_working and shape.spectral.prolongation is None:
+        return after.p2p
+    images = _images(matcher, shape, after)
+    return point_map_on_given(shape.spectral, after.p2p, images, target)
 
 
 def match_shape(
@@ -44,6 +52,7 @@ def match_shape(
     shape: ProbedShape,
     interpolate: str | None,
     refined: bool,
+    target: GivenReference,
 ) -> MatchedShape:
     """Match one shape, and say how far to trust each vertex.
 
@@ -66,17 +75,23 @@ def match_shape(
         n_supporting=count_supporting(matcher, shape, after),
         matrix=_matrix(matcher, after, interpolate),
         inverse=after.inverse,
-        reference_hash=matcher.reference.spectral.mesh.content_hash,
+        reference_hash=matcher.reference.spectral.given_hash,
     )
     if confidence is not None:
         trust = confidence.assess(matcher, shape, solution, before, after, refined=refined)
         match = replace(match, **trust._asdict())
-    return MatchedShape(as_given(match, shape.spectral.vertex_map), solution)
+    if target.is_working and shape.spectral.prolongation is None:
+        return MatchedShape(match, solution)
+    images = _images(matcher, shape, after, interpolate)
+    return MatchedShape(
+        on_given_meshes(match, shape.spectral, images, target, interpolate), solution
+    )
 
 
 def no_match(shape: SkippedShape, matcher: Matcher, *, assessed: bool) -> Match:
     """Return the answer for a shape that cannot be used: -1 and NaN."""
-    n_i, mesh_0, k = shape.n_vertices, matcher.reference.spectral.mesh, len(matcher.stable_basis)
+    spectral_0, k = matcher.reference.spectral, len(matcher.stable_basis)
+    n_i, n_0 = shape.n_vertices, spectral_0.n_given
     unknown = np.full(n_i, np.nan) if assessed else None
     return Match(
         p2p=np.full(n_i, -1),
@@ -87,10 +102,21 @@ def no_match(shape: SkippedShape, matcher: Matcher, *, assessed: bool) -> Match:
         name=shape.name,
         reference_name=matcher.reference.name,
         n_supporting=np.zeros(n_i, dtype=np.int64),
-        matrix=sp.csr_array((n_i, mesh_0.n_vertices)),
-        inverse=np.full(mesh_0.n_vertices, -1),
-        reference_hash=mesh_0.content_hash,
+        matrix=sp.csr_array((n_i, n_0)),
+        inverse=np.full(n_0, -1),
+        reference_hash=spectral_0.given_hash,
     )
+
+
+def _images(
+    matcher: Matcher, shape: ProbedShape, match: PointMatch, interpolate: str | None = None
+) -> SparseMatrix:
+    """Return where on the working mesh of S_0 each working vertex of S_i lies.
+
+    Between its vertices where that is asked, or the given meshes are finer.
+    """
+    coarse = shape.spectral.keeps_vertices and matcher.reference.spectral.keeps_vertices
+    return _matrix(matcher, match, interpolate if coarse else "barycentric")
 
 
 def _matrix(matcher: Matcher, match: PointMatch, interpolate: str | None) -> SparseMatrix:

@@ -52,7 +52,10 @@ class Observation(NamedTuple):
 def watch_reference(reference: ProbedShape, joins: Sequence[JoinedPairs], memory: Any) -> Watch:
     """Choose the vertices of the reference, among known ones, at which errors are observed."""
     mesh = reference.spectral.mesh
-    known = np.unique(np.concatenate([join.vertices_0 for join in joins]))
+    spectral = reference.spectral
+    known = np.unique(
+        np.concatenate([spectral.working_vertices(join.vertices_0) for join in joins])
+    )
     content_hash = hash_of_arrays(mesh.vertices, mesh.faces, known)
     return Watch(*cached(_distances_from_some, memory)((mesh, known), content_hash))
 
@@ -82,9 +85,10 @@ def observe(
 
     Pairs without an area, which were left out as wrong, do not count.
     """
-    rows = np.flatnonzero(np.isin(join.vertices_0, watch.vertices) & (areas > 0))
-    at = join.vertices_i[rows]
-    watched = np.searchsorted(watch.vertices, join.vertices_0[rows])
+    vertices_0 = matcher.reference.spectral.working_vertices(join.vertices_0)
+    rows = np.flatnonzero(np.isin(vertices_0, watch.vertices) & (areas > 0))
+    at = shape.spectral.working_vertices(join.vertices_i[rows])
+    watched = np.searchsorted(watch.vertices, vertices_0[rows])
     matched = match.p2p[at]
     signs = vertex_signs(matcher, shape, match, refined=refined)[at]
     return Observation(

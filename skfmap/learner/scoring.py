@@ -1,16 +1,14 @@
 """Errors of point maps at known pairs, as scores use them."""
 
 from collections.abc import Sequence
-from dataclasses import replace
 
 import numpy as np
 
-from skfmap._measures import PairErrors, pair_errors, reference_distances
+from skfmap._measures import PairErrors, PlaceDistances, pair_errors, reference_distances
 from skfmap._tools.caching import MemoryLike
 from skfmap._tools.types import IntArray
 from skfmap.learner.inputs import check_correspondences
 from skfmap.shapes import Correspondence, ProbedShape
-from skfmap.shapes.given_vertices import given_numbers
 from skfmap.shapes.usable import Answer, Usable, put_back
 
 __all__ = ["score_point_maps"]
@@ -32,16 +30,20 @@ def score_point_maps(
     memory: MemoryLike = None,
     n_jobs: int | None = None,
 ) -> list[PairErrors]:
-    """Return the errors of point maps at known pairs, in the order of X."""
-    distances = reference_distances(reference.spectral.mesh, method, memory=memory, n_jobs=n_jobs)
+    """Return the errors of point maps between given meshes at known pairs, in the order of X."""
+    spectral_0 = reference.spectral
+    distances = reference_distances(spectral_0.mesh, method, memory=memory, n_jobs=n_jobs)
+    if spectral_0.prolongation is not None:
+        distances = PlaceDistances(spectral_0, distances)
     if reference_y is not None:
         (truth_0,) = check_correspondences([reference_y], [reference])
-    if method == "heat" and reference.spectral.mesh.n_vertices <= _N_ALL_ROWS:
+    if method == "heat" and spectral_0.mesh.n_vertices <= _N_ALL_ROWS:
         # The same rows for every shape and fold, so that a cache serves them all.
         distances.rows(_vertices_of(truth_0))
     errors = [
-        _as_given(pair_errors(p2p, answer, truth_0, distances), shape)
-        for p2p, answer, shape in zip(p2ps, answers, usable.shapes, strict=True)
+        # Vertices without a match have no pairs.
+        pair_errors(np.maximum(p2p, 0), answer, truth_0, distances)
+        for p2p, answer in zip(p2ps, answers, strict=True)
     ]
     nothing = PairErrors(np.empty(0, dtype=np.int64), np.empty(0), None, np.empty(0))
     return put_back(errors, usable, lambda _: nothing)
@@ -50,13 +52,3 @@ def score_point_maps(
 def _vertices_of(truth: Correspondence) -> IntArray:
     symmetric = truth.pairs[:0] if truth.symmetric_pairs is None else truth.symmetric_pairs
     return np.union1d(truth.pairs[:, 0], symmetric[:, 0])
-
-
-def _as_given(errors: PairErrors, shape: ProbedShape) -> PairErrors:
-    """Return errors at the vertices that the shape came with."""
-    vertex_map = shape.spectral.vertex_map
-    return (
-        errors
-        if vertex_map is None
-        else replace(errors, vertices=given_numbers(vertex_map)[errors.vertices])
-    )

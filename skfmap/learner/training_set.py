@@ -13,6 +13,7 @@ from skfmap.exceptions import CorrespondenceError, MeshError
 from skfmap.functional.learning import LearnedMaps, learn_functional_maps
 from skfmap.functional.regularization import Regularizer
 from skfmap.ground_truth import KnownMap, check_landmarks, join_with_reference, known_maps
+from skfmap.io import open_given
 from skfmap.learner.inputs import check_correspondences, check_shapes
 from skfmap.learner.medoid import medoid_index
 from skfmap.shapes import Correspondence, JoinedPairs, ProbedShape, SkippedShape
@@ -137,7 +138,7 @@ class TrainingSet:
         answers = check_correspondences(y, given, skip=on_invalid == "skip")
         share = check_sample_weight(sample_weight, len(given))
         index = _reference_index(reference, given, answers, n_jobs)
-        shape_0, truth_0 = given[index], answers[index]
+        shape_0, truth_0 = _with_given_mesh(given[index]), answers[index]
         if on_invalid == "skip":
             answers = [
                 answer if i == index else _or_skipped(answer, shape, truth_0, shape_0, n_functions)
@@ -258,6 +259,15 @@ class TrainingSet:
         )
 
 
+def _with_given_mesh(shape: ProbedShape) -> ProbedShape:
+    """Return a shape with the mesh that it was given as, which answers need."""
+    given = shape.spectral.given
+    if given is None:
+        return shape
+    kept = replace(shape.spectral, given=given.found_at(open_given(given)))
+    return replace(shape, spectral=kept)
+
+
 def _reference_index(
     reference: str, shapes: Sequence[Any], truths: Sequence[Any], n_jobs: int | None
 ) -> int:
@@ -269,12 +279,6 @@ def _reference_index(
                 f"The reference, {describe(index, what)}, cannot be used: {what.reason} Mend it "
                 "or choose another."
             )
-    if shapes[index].spectral.vertex_map is not None:
-        raise MeshError(
-            f"The vertices of the reference, {describe(index, shapes[index])}, have other numbers "
-            "since it was mended, and matches refer to them. Mend it with repair_mesh first, and "
-            "use that mesh and its numbers."
-        )
     return index
 
 

@@ -14,11 +14,11 @@ from skfmap._tools.types import IntArray
 from skfmap._tools.unwrap import fitted_learner, learner_and_shapes
 from skfmap._tools.validation import label
 from skfmap.learner import BridgedLearner, WeightedFunctionalMapLearner
+from skfmap.learner.given_answers import drawn_on_working_meshes, errors_on_working_mesh
 from skfmap.learner.inputs import check_correspondences
 from skfmap.metrics import PairErrors
 from skfmap.model_selection import PinnedReference
 from skfmap.shapes import Correspondence, Match, Mesh, ProbedShape, SkippedShape
-from skfmap.shapes.given_vertices import as_renumbered
 
 __all__ = ["Evaluation", "evaluate", "thin_out"]
 
@@ -38,8 +38,7 @@ class Evaluation:
     Attributes
     ----------
     meshes : list of Mesh
-        The shapes, without the reference; of one that was mended, the mended mesh, to whose
-        vertices all else refers.
+        The shapes, without the reference: their working meshes, to whose vertices all else refers.
     matches : list of Match
         From each to the reference.
     errors : list of PairErrors
@@ -110,7 +109,7 @@ def evaluate(
     ]
     index = _index_of_reference(learner, given, usable)
     order = [index, *(i for i in usable if i != index)]
-    shapes, truths = [as_renumbered(given[i]) for i in order], [known[i] for i in order]
+    shapes, truths = [given[i] for i in order], [known[i] for i in order]
     scored = thin_out([asked[i] for i in order])
     fitted: dict[int, tuple[Match, PairErrors]] = {}
     without: dict[int, PairErrors] = {}
@@ -130,9 +129,9 @@ def evaluate(
     tested = sorted(fitted)
     return Evaluation(
         [shapes[i].spectral.mesh for i in tested],
-        [fitted[i][0] for i in tested],
-        [fitted[i][1] for i in tested],
-        [without[i] for i in tested if naive],
+        [_drawn(fitted[i][0], shapes[i], shapes[0]) for i in tested],
+        [errors_on_working_mesh(fitted[i][1], shapes[i].spectral) for i in tested],
+        [errors_on_working_mesh(without[i], shapes[i].spectral) for i in tested if naive],
     )
 
 
@@ -145,6 +144,10 @@ def thin_out(truths: Sequence[Correspondence]) -> list[Correspondence]:
     return [truth.restrict(chosen) for truth in truths]
 
 
+def _drawn(match: Match, shape: ProbedShape, reference: ProbedShape) -> Match:
+    return drawn_on_working_meshes(match, shape.spectral, reference.spectral)
+
+
 def _folds(cv: CrossValidation, n_shapes: int) -> CrossValidation:
     """Return ``cv``, but no more folds than shapes."""
     return min(cv, n_shapes) if isinstance(cv, int) else cv
@@ -153,9 +156,9 @@ def _folds(cv: CrossValidation, n_shapes: int) -> CrossValidation:
 def _index_of_reference(
     learner: Learner, shapes: Sequence[ProbedShape], usable: Sequence[int]
 ) -> int:
-    wanted = learner.reference_.spectral.mesh.content_hash
+    wanted = learner.reference_.spectral.given_hash
     for i in usable:
-        if shapes[i].spectral.mesh.content_hash == wanted:
+        if shapes[i].spectral.given_hash == wanted:
             return i
     raise ValueError(
         f"X does not hold the model's reference, {label(learner.reference_.name, 'shape')}. Give "

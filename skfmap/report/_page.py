@@ -15,6 +15,7 @@ from skfmap._tools.types import FloatArray
 from skfmap._tools.unwrap import fitted_learner, last_step
 from skfmap._tools.validation import check_folder, check_number
 from skfmap._version import __version__
+from skfmap.functional.stable_basis import missed_by_maps
 from skfmap.learner import WeightedFunctionalMapLearner
 from skfmap.metrics import ERROR_KINDS, PairErrors
 from skfmap.plotting import (
@@ -294,9 +295,14 @@ def _stable_functions(
     limits = (-4.0, 4.0)
     meshes, rows = [reference.mesh] * len(shown), list(functions)
     first = plot_functions(meshes, rows, captions=captions, limits=limits, camera=camera)
-    missed = [learner.stability_function()]
+    missed = missed_by_maps(
+        reference.evecs[:, :k],
+        learner.stable_basis_,
+        learner.stability_,
+        learner.record_.total_share,
+    )
     where = plot_functions(
-        [reference.mesh], missed, labels=["how far maps miss"], cmap="magma_r", camera=camera
+        [reference.mesh], [missed], labels=["how far maps miss"], cmap="magma_r", camera=camera
     )
     return section(
         "What maps stably",

@@ -4,18 +4,22 @@ Meshes, shapes in a basis, correspondences, matches.
 """
 
 from skfmap.shapes.correspondence import Correspondence, JoinedPairs, _correspondence  # noqa: F401 - pickles of 0.1.0
+from skfmap.shapes.given_mesh import GivenMesh
 from skfmap.shapes.match import Match
 from skfmap.shapes.mesh import Mesh
 from skfmap.shapes.probed_shape import ProbedShape
+from skfmap.shapes.prolongation import Prolongation
 from skfmap.shapes.skipped_shape import SkippedShape
 from skfmap.shapes.spectral_shape import SpectralShape
 
 __all__ = [
     "Correspondence",
+    "GivenMesh",
     "JoinedPairs",
     "Match",
     "Mesh",
     "ProbedShape",
+    "Prolongation",
     "SkippedShape",
     "SpectralShape",
 ]

@@ -311,8 +311,8 @@ class Correspondence:
             symmetric, symmetric_weights = _renumbered(
                 self.symmetric_pairs, self.symmetric_weights, new
             )
-        n_vertices = int(new.max(initial=-1)) + 1
-        return _correspondence(pairs, symmetric, weights, symmetric_weights, n_vertices)
+        # How many vertices there are now is not told: a mended mesh may have new ones at its end.
+        return _correspondence(pairs, symmetric, weights, symmetric_weights, None)
 
     def restrict(self, points: object) -> "Correspondence":
         """Return the correspondence on the given template points only.

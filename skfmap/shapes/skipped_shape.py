@@ -9,9 +9,8 @@ __all__ = ["SkippedShape"]
 class SkippedShape:
     """What stands in X for a shape that cannot be used, so that the others keep their index.
 
-    `SpectralBasis` leaves it behind with ``on_invalid="skip"``, and with ``"repair"`` where that
-    fails. It goes through the pipeline as it is, is left out of a fit, and is answered with NaN and
-    -1.
+    `SpectralBasis` leaves it behind with ``on_invalid="skip"``, where nothing mends the mesh. It
+    goes through the pipeline as it is, is left out of a fit, and is answered with NaN and -1.
 
     Attributes
     ----------

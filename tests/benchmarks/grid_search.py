@@ -44,7 +44,7 @@ def make_model(location):
     return make_pipeline(
         skfmap.SpectralBasis(memory=memory),
         skfmap.DescriptorTransformer("paper", memory=memory),
-        skfmap.WeightedFunctionalMapLearner(memory=location),
+        skfmap.WeightedFunctionalMapLearner(refine=None, memory=location),
     )
 
 

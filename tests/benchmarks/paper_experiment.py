@@ -71,7 +71,7 @@ def halves(truths, sparse):
 
 def fit(shapes, truths, train, parameters):
     """Fit and time a learner; tell whether it converged."""
-    learner = WeightedFunctionalMapLearner(**parameters)
+    learner = WeightedFunctionalMapLearner(**parameters, refine=None)
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always", ConvergenceWarning)
         started = time.perf_counter()

@@ -140,7 +140,9 @@ def left_out(name, make, give, k):
     found = {refine: [] for refine in REFINEMENTS}
     for train, test in PinnedReference(3).split(shapes, truths):
         learned = WeightedFunctionalMapLearner(n_functions=k, refine=REFINEMENTS[-1], memory=MEMORY)
-        plain = WeightedFunctionalMapLearner(n_functions=k, weighting=None, memory=MEMORY)
+        plain = WeightedFunctionalMapLearner(
+            n_functions=k, weighting=None, refine=None, memory=MEMORY
+        )
         for learner in (learned, plain):
             learner.fit([shapes[i] for i in train], [given[i] for i in train])
         new, answers = [shapes[i] for i in test], [scored[i] for i in test]
