@@ -44,6 +44,9 @@ _MATCHINGS: dict[str, dict[str, Any]] = {
 }
 
 
+# What the report and the pictures are of.
+_SHOWN = "function"
+
 _GO_ON = " (--on-invalid skip goes on without what cannot be used, but for the reference.)"
 
 _KINDS_EXPLAINED = (
@@ -56,7 +59,7 @@ _KINDS_EXPLAINED = (
 
 @dataclass(frozen=True)
 class _Result:
-    """Errors of each shape left out, by matching; seconds of training per fold; and matches."""
+    """Errors of each shape left out, by matching; seconds of training per fold; matches to show."""
 
     errors: dict[str, list[PairErrors]]
     seconds: list[float]
@@ -302,25 +305,31 @@ def _cross_validate(
     result = _Result({name: [] for name in _MATCHINGS}, [], [])
     for i in left_out:
         rest = [j for j in range(len(shapes)) if j != i]
+        training = [shapes[j] for j in rest], [truths[j] for j in rest]
         learner = WeightedFunctionalMapLearner(
             n_functions=options.functions,
             weighting=weighting,
+            confidence=None,  # scores need none
             memory=memory,
             n_jobs=options.jobs,
         )
-        started = time.perf_counter()
         with warnings.catch_warnings():
             for what in (CoverageWarning, DisagreementWarning, OrientationWarning):
                 warnings.simplefilter("ignore", what)  # told once, when all shapes are learned from
-            learner.fit([shapes[j] for j in rest], [truths[j] for j in rest])
-        result.seconds.append(time.perf_counter() - started)
-        for name, how in _MATCHINGS.items():
-            (errors,) = learner.pair_errors([shapes[i]], [scored[i]], reference_y=scored[0], **how)
-            result.errors[name].append(errors_on_working_mesh(errors, shapes[i].spectral))
-        (match,) = learner.match([shapes[i]])
-        result.matches.append(
-            drawn_on_working_meshes(match, shapes[i].spectral, shapes[0].spectral)
-        )
+            started = time.perf_counter()
+            learner.fit(*training)
+            result.seconds.append(time.perf_counter() - started)
+            for name, how in _MATCHINGS.items():
+                (errors,) = learner.pair_errors(
+                    [shapes[i]], [scored[i]], reference_y=scored[0], **how
+                )
+                result.errors[name].append(errors_on_working_mesh(errors, shapes[i].spectral))
+            if weighting == _SHOWN:
+                learner.set_params(confidence="cross-fit").fit(*training)
+                (match,) = learner.match([shapes[i]])
+                result.matches.append(
+                    drawn_on_working_meshes(match, shapes[i].spectral, shapes[0].spectral)
+                )
     return result
 
 
@@ -375,7 +384,7 @@ def _save(
     picture, model, report = (
         options.output / name for name in ("matches.png", "model.joblib", "report.html")
     )
-    result, camera = results["function"], Camera(options.up)
+    result, camera = results[_SHOWN], Camera(options.up)
     captions = [
         f"error {100 * errors.mean('direct'):.1f} % of sqrt(area)"
         for errors in result.errors["refined"]
@@ -402,7 +411,7 @@ def _save(
     basis.set_params(n_components=shapes[0].spectral.n_components)
     joblib.dump(make_pipeline(basis, probes, learner), model)
     print(f"\nReport, to open in a browser: {report}")
-    print(f"Picture of the matches (weighting 'function', refined): {picture}")
+    print(f"Picture of the matches (weighting {_SHOWN!r}, refined): {picture}")
     print(f"Model trained on all {len(shapes)} shapes: {model}. To match a new shape with it:")
     print(f'    model = joblib.load("{model}"); matches = skfmap.match(model, ["new.ply"])')
 
