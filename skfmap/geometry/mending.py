@@ -206,7 +206,9 @@ def _drop_twice(surface: _Surface, edges: HalfEdges, tally: dict[str, float]) ->
 
 
 def _tolerance(surface: _Surface) -> float:
-    points = surface.vertices[surface.faces.ravel()]
+    used = np.zeros(len(surface.vertices), dtype=bool)
+    used[surface.faces.ravel()] = True
+    points = surface.vertices[used]
     return _CRACK * float(np.linalg.norm(np.ptp(points, axis=0)))
 
 
