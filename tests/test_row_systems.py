@@ -248,6 +248,21 @@ def test_weights_that_begin_coarse_end_converged_in_every_weight():
     assert told[-1][2] > 2  # one for each probe; some meet the bounds
 
 
+def test_a_search_from_its_own_end_ends_at_once():
+    problem = make_problem(np.random.default_rng(7), n=4, k=10)
+    labels = ["a"] * 10 + ["b"] * 10
+    groups = weight_groups("function", labels)
+    given = {"coarse": coarse_groups(groups, labels), "max_iter": 500, "tol": 1e-4}
+    first = optimize_weights(problem, groups, 0.1, **given)
+    again = optimize_weights(problem, groups, 0.1, start=first.weights, **given)
+    assert first.n_evaluations > 5
+    assert again.n_evaluations == 1
+    np.testing.assert_allclose(again.weights, first.weights, rtol=1e-12)
+    onward = optimize_weights(problem, groups, 0.1, start=first.weights, **{**given, "tol": 1e-6})
+    assert onward.loss_curve[0] == pytest.approx(first.loss_curve[-1])
+    assert onward.loss_curve[-1] < first.loss_curve[-1]
+
+
 @pytest.mark.parametrize("most", [1, 3])
 def test_iterations_over_categories_count(most):
     problem = make_problem(np.random.default_rng(8), n=4, k=10)

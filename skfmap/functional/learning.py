@@ -76,6 +76,7 @@ def learn_functional_maps(
     sample_weight: FloatArray | None = None,
     max_iter: int = 1000,
     tol: float = 1e-4,
+    start: FloatArray | None = None,
     n_threads: int = 1,
     callback: Callable[[int, float, Callable[[], "LearnedMaps"]], bool | None] | None = None,
 ) -> LearnedMaps:
@@ -110,6 +111,8 @@ def learn_functional_maps(
         Share of each training shape in equation (3) and in Y.
     max_iter, tol : int, float
         Of the optimiser.
+    start : ndarray of shape (m,), optional
+        Weights that it starts from, alike where a weight is shared; 1 by default.
     n_threads : int
         Groups of shapes at a time; the result is the same for every number. BLAS should then keep
         to one thread (threadpoolctl).
@@ -157,8 +160,8 @@ def learn_functional_maps(
         quadratic=penalty_quadratic(evals, evals_0, alpha, regularizer),
         n_threads=n_threads,
     )
-    start = problem.differences(np.ones(probes_0.shape[1]))
-    used_epsilon = _as_number(epsilon, start[share > 0])
+    unweighted = problem.differences(np.ones(probes_0.shape[1]))
+    used_epsilon = _as_number(epsilon, unweighted[share > 0])
     groups = weight_groups(weighting, labels)
 
     def tell_callback(iteration: int, loss: float, weights: FloatArray) -> bool | None:
@@ -172,6 +175,7 @@ def learn_functional_maps(
         groups,
         used_epsilon,
         coarse=coarse_groups(groups, labels),
+        start=start,
         max_iter=max_iter,
         tol=tol,
         callback=tell_callback,

@@ -1,8 +1,7 @@
 """Nearest neighbours among the points of two embeddings, in both directions at once."""
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
-from typing import TypeVar
 
 import numpy as np
 
@@ -17,8 +16,6 @@ _ROUNDING = 1e-9
 _AT_A_TIME = 650_000
 # Blocks at least: the second direction goes over one or two of them again for each target.
 _LEAST_BLOCKS = 16
-_Item = TypeVar("_Item")
-_Result = TypeVar("_Result")
 _SINGLE = float(np.finfo(np.float32).eps)
 
 
@@ -100,11 +97,10 @@ class _Search:
 
     def along_rows(self, *, both: bool) -> tuple[IntArray, Array]:
         """Return the nearest target of each point, and the least value of each target by block."""
-        out = np.empty(len(self.points), dtype=np.int64)
         least = np.empty((len(self.blocks) if both else 0, len(self.targets)), dtype=np.float32)
         slack = _ROUNDING * np.einsum("ij,ij->i", self.points, self.points)
 
-        def search(number: int) -> None:
+        def search(number: int) -> tuple[IntArray, IntArray]:
             block = self.blocks[number]
             halves = self.a[block] @ self.b.T
             if both:
@@ -112,12 +108,10 @@ class _Search:
             limit = self._limit(halves.min(axis=1), self.squares_a[block], slack[block])
             found = np.flatnonzero(halves <= limit[:, None])
             rows, columns = np.divmod(found, len(self.targets))
-            out[block] = _first_nearest(
-                self.points[block], self.targets, slack[block], rows, columns
-            )
+            return rows + block.start, columns
 
-        self._each(search, range(len(self.blocks)))
-        return out, least
+        rows, columns = self._each(search)
+        return _first_nearest(self.points, self.targets, slack, rows, columns), least
 
     def along_columns(self, least: Array) -> IntArray:
         """Return the nearest point of each target, from the blocks that may hold it."""
@@ -130,16 +124,22 @@ class _Search:
             at, rows = np.nonzero(halves <= limit[columns, None])
             return columns[at], rows + block.start
 
-        pairs = self._each(search, range(len(self.blocks)))
-        columns, rows = (np.concatenate(part) for part in zip(*pairs, strict=True))
+        columns, rows = self._each(search)
         order = np.argsort(columns, kind="stable")  # points stay ascending
         return _first_nearest(self.targets, self.points, slack, columns[order], rows[order])
 
-    def _each(self, function: Callable[[_Item], _Result], items: Iterable[_Item]) -> list[_Result]:
+    def _each(
+        self, search: Callable[[int], tuple[IntArray, IntArray]]
+    ) -> tuple[IntArray, IntArray]:
+        """Return the pairs that are found in all blocks."""
+        numbers = range(len(self.blocks))
         if self.n_threads == 1:
-            return [function(item) for item in items]
-        with ThreadPoolExecutor(self.n_threads) as threads:
-            return list(threads.map(function, items))
+            pairs = [search(number) for number in numbers]
+        else:
+            with ThreadPoolExecutor(self.n_threads) as threads:
+                pairs = list(threads.map(search, numbers))
+        first, second = (np.concatenate(part) for part in zip(*pairs, strict=True))
+        return first, second
 
     def _limit(self, best: FloatArray, squares: FloatArray, slack: FloatArray) -> FloatArray:
         """Return up to where half squared distances may be the least but for rounding.

@@ -75,11 +75,12 @@ def optimize_weights(
     epsilon: float,
     *,
     coarse: IntArray | None = None,
+    start: FloatArray | None = None,
     max_iter: int,
     tol: float,
     callback: Callable[[int, float, FloatArray], bool | None] | None = None,
 ) -> Optimum:
-    """Minimise the loss over one log-weight per group, starting from weights 1.
+    """Minimise the loss over one log-weight per group, starting from weights 1 or from given ones.
 
     The loss has many local minima. Weights that are first found for whole categories lead to lower
     ones, and in fewer evaluations, than all weights at once.
@@ -94,6 +95,8 @@ def optimize_weights(
         Of the norm (4).
     coarse : ndarray of int, shape (m,), optional
         Groups to begin with, from `skfmap.functional.weighting.coarse_groups`.
+    start : ndarray of shape (m,), optional
+        Weights to start from, alike within a group; the search over coarse groups is left out then.
     max_iter : int
         Most iterations, those over coarse groups included.
     tol : float
@@ -114,13 +117,15 @@ def optimize_weights(
             weights, [problem.loss(weights, epsilon)], 0, 1, 0.0, True, False, "nothing to learn"
         )
     search = _Search(problem, epsilon, callback)
-    start = np.zeros(len(groups))
+    if start is not None:
+        return search.finish(np.log(start), groups, max_iter, tol)
+    first = np.zeros(len(groups))
     if coarse is not None:
         most = min(_COARSE_MAX_ITER, max_iter)
-        start, stopped = search.run(start, coarse, _COARSE_BOUND, most, max(tol, _COARSE_TOL))
+        first, stopped = search.run(first, coarse, _COARSE_BOUND, most, max(tol, _COARSE_TOL))
         if stopped:
-            return search.optimum(start, np.nan, False, True, "stopped by the callback")
-    return search.finish(start, groups, max_iter, tol)
+            return search.optimum(first, np.nan, False, True, "stopped by the callback")
+    return search.finish(first, groups, max_iter, tol)
 
 
 class _Search:

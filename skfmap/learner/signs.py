@@ -3,12 +3,12 @@
 import numpy as np
 import scipy.sparse as sp
 
-from skfmap._tools.types import FloatArray, IntArray
+from skfmap._tools.types import FloatArray, IntArray, SparseMatrix
 from skfmap.functional.residuals import trusted_functions
 from skfmap.geometry.geodesics import edge_graph
 from skfmap.learner.matcher import Matcher
 from skfmap.refinement import PointMatch
-from skfmap.shapes import Mesh, ProbedShape, SpectralShape
+from skfmap.shapes import ProbedShape, SpectralShape
 
 __all__ = ["TINY", "count_supporting", "vertex_signs"]
 
@@ -37,16 +37,16 @@ def vertex_signs(
     once at the vertex, once averaged over its surroundings.
     """
     spectral, spectral_0 = shape.spectral, matcher.reference.spectral
-    vertices = spectral.vertices
+    vertices, edges = spectral.vertices, edge_graph(spectral.vertices, spectral.mesh.faces)
     signs = [
         np.linalg.norm(match.points_i - match.points_0[match.p2p], axis=1),
         np.linalg.norm(vertices - vertices[match.inverse[match.p2p]], axis=1),
-        _stretch(spectral, spectral_0, match.p2p),
+        _stretch(edges, spectral_0, match.p2p),
     ]
     if refined:
         signs.append(_learned_distance(matcher, shape, match))
     columns = np.stack(signs, axis=1)
-    return np.log(np.hstack([columns, _averaged(spectral.mesh, columns)]) + TINY)
+    return np.log(np.hstack([columns, _averaged(edges, columns)]) + TINY)
 
 
 def _learned_distance(matcher: Matcher, shape: ProbedShape, match: PointMatch) -> FloatArray:
@@ -56,18 +56,16 @@ def _learned_distance(matcher: Matcher, shape: ProbedShape, match: PointMatch) -
     return np.asarray(np.linalg.norm(points_i - points_0[match.p2p], axis=1))
 
 
-def _stretch(spectral: SpectralShape, spectral_0: SpectralShape, p2p: IntArray) -> FloatArray:
+def _stretch(edges: SparseMatrix, spectral_0: SpectralShape, p2p: IntArray) -> FloatArray:
     """Return how much the match stretches the edges around each vertex, as a logarithm."""
-    edges = edge_graph(spectral.vertices, spectral.mesh.faces).tocoo()
-    a, b = edges.coords
-    n, images = spectral.mesh.n_vertices, spectral_0.vertices[p2p]
+    a, b = edges.tocoo().coords
+    n, images = len(p2p), spectral_0.vertices[p2p]
     lengths = np.linalg.norm(images[a] - images[b], axis=1)
     before, after = (np.bincount(a, x, n) + np.bincount(b, x, n) for x in (edges.data, lengths))
     return np.asarray(np.abs(np.log((after + TINY) / (before + TINY))))
 
 
-def _averaged(mesh: Mesh, columns: FloatArray) -> FloatArray:
-    edges = edge_graph(mesh.vertices, mesh.faces)
+def _averaged(edges: SparseMatrix, columns: FloatArray) -> FloatArray:
     neighbours = ((edges + edges.T) > 0).astype(np.float64)
     average = sp.diags_array(1 / neighbours.sum(axis=1)) @ neighbours
     for _ in range(_ROUNDS):

@@ -233,6 +233,7 @@ class TrainingSet:
     def learn(
         self,
         *,
+        start: FloatArray | None = None,
         n_threads: int = 1,
         callback: Callable[..., bool | None] | None = None,
         **changes: Any,
@@ -241,7 +242,7 @@ class TrainingSet:
 
         Parameters
         ----------
-        n_threads, callback : int, callable
+        start, n_threads, callback : ndarray, int, callable
             As of `learn_functional_maps`.
         **changes : optional
             Options other than those of the training set.
@@ -254,6 +255,7 @@ class TrainingSet:
         return learn_functional_maps(
             **self.arrays(),
             **self.options._replace(**changes)._asdict(),
+            start=start,
             n_threads=n_threads,
             callback=callback,
         )
