@@ -89,8 +89,7 @@ class WeightedFunctionalMapLearner(CallbackSupportMixin, Versioned, BaseEstimato
     matching : {"soft", "cut"}, default="soft"
         Points are matched in all stable functions, each weighted by how far it puts the points of
         the training shapes from where they belong, or in the first p alone.
-    refine : {"bijective-zoomout", "icp", "zoomout"}, Refinement or None, \
-            default="bijective-zoomout"
+    refine : {"bijective-zoomout", "icp", "zoomout"}, Refinement, None, default="bijective-zoomout"
         How point maps are refined: a word, or the object that it stands for (`skfmap.refinement`),
         whose parameters can then be searched as ``refine__step``. ``"bijective-zoomout"`` is the
         best by far: maps of growing size, up to all eigenfunctions that `SpectralBasis` holds, each
