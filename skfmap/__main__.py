@@ -15,6 +15,7 @@ import numpy as np
 from sklearn.pipeline import make_pipeline
 from sklearn.utils import Bunch
 
+from skfmap._tools.parallel import single_threaded
 from skfmap._tools.validation import check_number
 from skfmap.basis import SpectralBasis
 from skfmap.datasets import load_collection, make_creatures
@@ -71,7 +72,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     options = _parser().parse_args(arguments)
     usual, warnings.formatwarning = warnings.formatwarning, _format_warning
     try:
-        _run(options)
+        # Cores work on different shapes: threads of one small product would be in their way.
+        single_threaded(_run, options)
     except (ValueError, TypeError, OSError) as error:
         hint = isinstance(error, (MeshError, CorrespondenceError)) and options.on_invalid != "skip"
         print(f"skfmap: {error}{_GO_ON if hint else ''}", file=sys.stderr)

@@ -93,8 +93,9 @@ def laplacian_eigenbasis(
     """
     # In g = sqrt(mass) f the problem is an ordinary symmetric one.
     root = np.sqrt(mass)
-    scale = sp.diags_array(1 / root)
-    symmetric = sp.csc_array(scale @ stiffness @ scale)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        scale = sp.diags_array(1 / root)
+        symmetric = sp.csc_array(scale @ stiffness @ scale)
     if not np.isfinite(symmetric.data).all():
         raise np.linalg.LinAlgError(
             "its Laplacian is not finite, as of faces without area or coordinates without digits"
