@@ -86,5 +86,5 @@ def test_points_of_one_name_and_points_beside_the_mesh_are_refused(folder, colle
         load_collection(folder)
     metres = [(f"L{j}", at[j] / 1000 + 50, "defined") for j in range(9)]
     _write(folder / "body1.mrk.json", metres)
-    with pytest.raises(CorrespondenceError, match="do not lie on 'body1'.*Another unit"):
+    with pytest.raises(CorrespondenceError, match=r"do not lie on 'body1'.*Another unit"):
         load_collection(folder)
