@@ -123,7 +123,9 @@ def test_oriented_probes_need_a_winding():
     vertices = np.array([[0, 0, 0], [0, 0, 1], *wing, *(wing + np.array([0, 0, 1]))])
     faces = [face for i in range(3) for face in ([0, 1, 2 + i], [1, 5 + i, 2 + i])]
     with pytest.warns(OrientationWarning, match="fins"):
-        shapes = SpectralBasis(4, laplacian="robust").transform([Mesh(vertices, faces, "fins")])
+        shapes = SpectralBasis(4, laplacian="robust", on_invalid="raise").transform(
+            [Mesh(vertices, faces, "fins")]
+        )
     with pytest.raises(MeshError, match=r"'fins' cannot be wound consistently.*'paper'"):
         DescriptorTransformer().transform(shapes)
     (shape,) = DescriptorTransformer("paper").transform(shapes)

@@ -1,7 +1,5 @@
 """What there is to learn from: sorting out, the reference, known maps."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
@@ -117,10 +115,6 @@ def test_a_reference_that_cannot_be_used_is_refused(probed, collection):
         _samples([broken, *probed[1:4]], collection.truths[:4], on_invalid="skip")
     with pytest.raises(MeshError, match=r"No shape can be used: It has no faces\. All others"):
         _samples([broken] * 2, collection.truths[:2], on_invalid="skip", reference="medoid")
-    n_vertices = probed[0].spectral.mesh.n_vertices
-    mended = replace(probed[0].spectral, vertex_map=np.arange(n_vertices))
-    with pytest.raises(MeshError, match="since it was mended, and matches refer to them"):
-        _samples([replace(probed[0], spectral=mended), *probed[1:3]], collection.truths[:3])
 
 
 def test_there_must_be_something_to_learn_from(probed, collection):
