@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import replace
+from pathlib import Path
 from typing import Any, NamedTuple, Self, TypeAlias, cast
 
 import numpy as np
@@ -27,6 +28,8 @@ __all__ = ["SpectralBasis"]
 # Eigenfunctions are computed in blocks of so many, the first of which holds the default of 120
 # (`docs/speed.rst`, "Bases", has times for 128).
 _BLOCK = 128
+# Of a file for each vertex of a mesh: 38 of binary PLY, some 90 of OFF.
+_BYTES = 60
 
 
 ON_INVALID = ("mend", "raise", "skip")
@@ -204,7 +207,8 @@ class SpectralBasis(Versioned, StatelessShapeTransformer, BaseEstimator):
             ((item, i, how) for i, item in enumerate(items)),
             n_jobs=self.n_jobs,
             verbose=self.verbose,
-            prefer="threads",
+            # Solves and products leave the interpreter free, thinning does not.
+            prefer=None if any(_may_be_thinned(item, how) for item in items) else "threads",
         )
         shapes = [_found_at(shape, item) for (shape, _), item in zip(made, items, strict=True)]
         warn_of_repairs([(shape, ", ".join(told)) for shape, told in made])
@@ -220,6 +224,16 @@ class SpectralBasis(Versioned, StatelessShapeTransformer, BaseEstimator):
             check_number(self.max_vertices, "max_vertices", low=100, integer=True)
         if self.wrap is not None:
             check_choice(self.wrap, "wrap", ("auto",))
+
+
+def _may_be_thinned(item: MeshLike, how: _How) -> bool:
+    """Tell whether a mesh has more vertices than a working mesh, files by their size."""
+    if how.max_vertices is None or isinstance(item, SkippedShape):
+        return False
+    if isinstance(item, (str, Path)):
+        path = Path(item)
+        return path.is_file() and path.stat().st_size > _BYTES * how.max_vertices
+    return n_vertices_of(item) > how.max_vertices
 
 
 def _found_at(shape: SpectralShape | SkippedShape, item: MeshLike) -> SpectralShape | SkippedShape:
