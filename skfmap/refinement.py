@@ -7,6 +7,7 @@ of those here, a word for it, or one of your own.
 from abc import ABC, abstractmethod
 from collections.abc import Iterator
 from typing import NamedTuple, Protocol
+from weakref import WeakKeyDictionary
 
 import numpy as np
 
@@ -302,7 +303,7 @@ class BijectiveZoomOut(Refinement):
     def refine(self, learned: Learned, spectral: SpectralShape, match: PointMatch) -> PointMatch:
         """Return the match in all functions held."""
         spectral_0, sizes = learned.reference.spectral, [*_sizes(learned, spectral, self.step)]
-        few, few_0 = (_sampled(one, self.n_samples) for one in (spectral, spectral_0))
+        few, few_0 = _sampled(spectral, self.n_samples), _sampled_once(spectral_0, self.n_samples)
         points: tuple[_Points, _Points] = (spectral, spectral_0)
         C, p2p, inverse = None, match.p2p, match.inverse
         for n in sizes:
@@ -351,12 +352,28 @@ class _Samples(NamedTuple):
     mass: FloatArray
 
 
+_SAMPLES: WeakKeyDictionary[SpectralShape, dict[int | None, _Points]] = WeakKeyDictionary()
+
+
 def _sampled(spectral: SpectralShape, n_samples: int | None) -> _Points:
     """Return well-spread vertices with the areas that they stand for; a small shape as it is."""
     if n_samples is None or n_samples >= len(spectral.mass):
         return spectral
     rows = np.sort(farthest_points(spectral.vertices, n_samples))
     return _Samples(spectral.evecs[rows], areas_of_samples(spectral.vertices, spectral.mass, rows))
+
+
+def _sampled_once(spectral_0: SpectralShape, n_samples: int | None) -> _Points:
+    """Return the samples of a reference, which are the same for all shapes that are matched to it.
+
+    They are kept as long as the reference is.
+    """
+    if n_samples is None or n_samples not in _SAMPLES.get(spectral_0, {}):
+        samples = _sampled(spectral_0, n_samples)
+        if samples is spectral_0:
+            return spectral_0
+        _SAMPLES.setdefault(spectral_0, {})[n_samples] = samples
+    return _SAMPLES[spectral_0][n_samples]
 
 
 def _fit(

@@ -1,5 +1,9 @@
 """Trusted functions, maps fitted to points, refinement, interpolation, and transfer."""
 
+import gc
+import weakref
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -358,3 +362,18 @@ def test_samples_find_about_what_all_vertices_find(refined, probed, collection):
     whole = error(n_samples=None)
     assert error(n_samples=10_000) == whole
     assert error(n_samples=190) < 1.1 * whole
+
+
+def test_references_do_not_outlive_their_use(refined, probed):
+    matcher = refined.matcher_
+    spectral, shape = probed[5].spectral, replace(matcher.reference.spectral)
+    other = replace(matcher, reference=replace(matcher.reference, spectral=shape))
+    start = matcher.match_points(probed[5], matcher.solve(probed[5]).C)[0]
+    for n_samples in (100, None):
+        first = BijectiveZoomOut(n_samples=n_samples).refine(other, spectral, start)
+        again = BijectiveZoomOut(n_samples=n_samples).refine(other, spectral, start)
+        np.testing.assert_array_equal(first.p2p, again.p2p)
+    alive = weakref.ref(shape)
+    del shape, other
+    gc.collect()
+    assert alive() is None

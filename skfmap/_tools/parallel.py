@@ -82,10 +82,12 @@ def map_shapes(
         return list(Parallel(n_jobs=n_jobs, verbose=verbose, prefer=prefer)(calls))
 
 
-def single_threaded(function: Callable[..., _Result], *arguments: object) -> _Result:
+def single_threaded(
+    function: Callable[..., _Result], *arguments: object, **keywords: object
+) -> _Result:
     """Call with one BLAS and one OpenMP thread, so that sums are the same to the last bit."""
     with _ONE_THREAD:
-        return function(*arguments)
+        return function(*arguments, **keywords)
 
 
 def tell(message: str) -> None:

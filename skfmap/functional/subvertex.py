@@ -4,7 +4,7 @@ import numpy as np
 
 from skfmap._tools.types import FloatArray
 
-__all__ = ["nearest_on_triangles"]
+__all__ = ["nearest_by_lengths", "nearest_on_triangles", "squared_edges"]
 
 # Squared sine of a corner's angle. Below it, twelve of sixteen digits of the determinant are
 # rounding, and all of the triangle is within 1e-6 of its length of its edges, which are searched
@@ -37,36 +37,67 @@ def nearest_on_triangles(points: FloatArray, corners: FloatArray) -> tuple[Float
     >>> nearest_on_triangles(np.array([[1.0, 1.0]]), corners)[0].tolist()
     [[0.0, 0.5, 0.5]]
     """
-    candidates = [_inside(points, corners)]
-    candidates += [_on_edge(points, corners, a, b) for a, b in ((0, 1), (1, 2), (2, 0))]
-    squared = np.stack([_squared_distance(points, corners, c) for c in candidates])
+    to_corners = np.square(points[:, None] - corners).sum(axis=2)
+    return nearest_by_lengths(to_corners, squared_edges(corners))
+
+
+def squared_edges(corners: FloatArray) -> FloatArray:
+    """Return squared lengths from the first corner to the second, on to the third, and back."""
+    return np.asarray(np.square(corners - np.roll(corners, -1, axis=1)).sum(axis=2))
+
+
+def nearest_by_lengths(to_corners: FloatArray, edges: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return where on its triangle each point is nearest, from lengths alone.
+
+    In many dimensions these are what costs, and neighbouring triangles share most of them.
+
+    Parameters
+    ----------
+    to_corners : ndarray of shape (n, 3)
+        Squared distances of each point to the corners of its triangle.
+    edges : ndarray of shape (n, 3)
+        Squared lengths of its edges, from `squared_edges`.
+
+    Returns
+    -------
+    barycentric, squared : ndarray of shape (n, 3), ndarray of shape (n,)
+        As of `nearest_on_triangles`.
+    """
+    candidates = [_inside(to_corners, edges)]
+    candidates += [_on_edge(to_corners, edges, a) for a in range(3)]
+    squared = np.stack([_squared_distance(to_corners, edges, c) for c in candidates])
     best = np.argmin(squared, axis=0)
-    rows = np.arange(len(points))
+    rows = np.arange(len(to_corners))
     return np.stack(candidates)[best, rows], squared[best, rows]
 
 
 def _squared_distance(
-    points: FloatArray, corners: FloatArray, barycentric: FloatArray
+    to_corners: FloatArray, edges: FloatArray, barycentric: FloatArray
 ) -> FloatArray:
-    return np.asarray(np.square(np.einsum("nc,ncd->nd", barycentric, corners) - points).sum(axis=1))
+    """Return squared distances by the parallel axis theorem."""
+    products = barycentric * np.roll(barycentric, -1, axis=1)
+    squared = (barycentric * to_corners).sum(axis=1) - (products * edges).sum(axis=1)
+    return np.asarray(np.maximum(squared, 0.0))
 
 
-def _on_edge(points: FloatArray, corners: FloatArray, a: int, b: int) -> FloatArray:
-    """Return the nearest point of the edge from corner a to corner b."""
-    edge = corners[:, b] - corners[:, a]
-    length = np.square(edge).sum(axis=1)
-    along = ((points - corners[:, a]) * edge).sum(axis=1) / np.where(length > 0, length, 1.0)
-    out = np.zeros((len(points), 3))
-    out[:, b] = np.clip(along, 0.0, 1.0)
+def _on_edge(to_corners: FloatArray, edges: FloatArray, a: int) -> FloatArray:
+    """Return the nearest point of the edge from corner a to the next."""
+    b, length = (a + 1) % 3, edges[:, a]
+    along = (to_corners[:, a] + length - to_corners[:, b]) / 2
+    out = np.zeros_like(edges)
+    out[:, b] = np.clip(along / np.where(length > 0, length, 1.0), 0.0, 1.0)
     out[:, a] = 1.0 - out[:, b]
     return out
 
 
-def _inside(points: FloatArray, corners: FloatArray) -> FloatArray:
-    """Return the foot of the point on the triangle's plane; the first corner if it lies outside."""
-    u, v, w = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0], points - corners[:, 0]
-    uu, uv, vv = (u * u).sum(axis=1), (u * v).sum(axis=1), (v * v).sum(axis=1)
-    uw, vw = (u * w).sum(axis=1), (v * w).sum(axis=1)
+def _inside(to_corners: FloatArray, edges: FloatArray) -> FloatArray:
+    """Return the foot of the point on the triangle's plane; the first corner if it lies outside.
+
+    With u and v from the first corner to the others, and w to the point, products are half of what
+    two squared lengths add up to beyond the third.
+    """
+    (a, b, c), (uu, third_side, vv) = to_corners.T, edges.T
+    uv, uw, vw = (uu + vv - third_side) / 2, (a + uu - b) / 2, (a + vv - c) / 2
     determinant = uu * vv - uv**2
     usable = determinant > _FLAT * uu * vv
     scale = np.where(usable, determinant, 1.0)

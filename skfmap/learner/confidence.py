@@ -6,7 +6,7 @@ from typing import NamedTuple, Self
 
 import numpy as np
 
-from skfmap._tools.parallel import map_shapes
+from skfmap._tools.parallel import map_shapes, single_threaded
 from skfmap._tools.part import Part
 from skfmap._tools.types import FloatArray, IntArray
 from skfmap._tools.validation import check_number
@@ -162,7 +162,8 @@ class CrossFitConfidence(Confidence):
         order = np.concatenate(folds)
         worst = max(one.distance for one in seen)
         self.error_models_ = {
-            kind: fit_error_model(
+            kind: single_threaded(  # threads that wait for each other cost more than they save
+                fit_error_model,
                 [
                     _weighted(one.observations[kind], training.share[i])
                     for i, one in zip(order, seen, strict=True)

@@ -8,7 +8,7 @@ import scipy.sparse as sp
 from sklearn.neighbors import NearestNeighbors
 
 from skfmap._tools.types import FloatArray, IntArray, SparseMatrix
-from skfmap.functional.subvertex import nearest_on_triangles
+from skfmap.functional.subvertex import nearest_by_lengths, squared_edges
 from skfmap.learner.confidence import Confidence
 from skfmap.learner.given_answers import (
     GivenReference,
@@ -153,7 +153,8 @@ def _soft(match: PointMatch) -> tuple[IntArray, FloatArray]:
 def _barycentric(match: PointMatch, faces: IntArray) -> tuple[IntArray, FloatArray]:
     """Return the nearest point on the triangles around each match, in the embedding."""
     order = np.argsort(faces, axis=None, kind="stable")
-    start = np.searchsorted(faces.ravel()[order], np.arange(len(match.points_0) + 1))
+    n_0, edges = len(match.points_0), squared_edges(match.points_0[faces])
+    start = np.searchsorted(faces.ravel()[order], np.arange(n_0 + 1))
     best_face, best = np.zeros(len(match.p2p), dtype=np.int64), np.zeros((len(match.p2p), 3))
     for first in range(0, len(match.p2p), _CHUNK):
         rows = np.arange(first, min(first + _CHUNK, len(match.p2p)))
@@ -161,9 +162,12 @@ def _barycentric(match: PointMatch, faces: IntArray) -> tuple[IntArray, FloatArr
         owner = np.repeat(np.arange(len(rows)), counts)
         within = np.arange(len(owner)) - np.repeat(np.cumsum(counts) - counts, counts)
         around = order[np.repeat(begin, counts) + within] // 3
-        coordinates, squared = nearest_on_triangles(
-            match.points_i[rows[owner]], match.points_0[faces[around]]
-        )
+        # Triangles around a vertex share their corners.
+        keys = owner[:, None] * n_0 + faces[around]
+        pairs, back = np.unique(keys.ravel(), return_inverse=True)
+        differences = match.points_i[rows[pairs // n_0]] - match.points_0[pairs % n_0]
+        to_corners = np.einsum("ij,ij->i", differences, differences)[back].reshape(-1, 3)
+        coordinates, squared = nearest_by_lengths(to_corners, edges[around])
         by_distance = np.lexsort((squared, owner))
         nearest = by_distance[np.searchsorted(owner[by_distance], np.arange(len(rows)))]
         best_face[rows], best[rows] = around[nearest], coordinates[nearest]
