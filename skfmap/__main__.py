@@ -227,6 +227,7 @@ def _probed(collection: Bunch, options: argparse.Namespace) -> list[ProbedShape]
     print("Eigenfunctions and probe functions ...", flush=True)
     basis, probes = _transformers(options)
     smallest = min(mesh.n_vertices for mesh in collection.meshes if isinstance(mesh, Mesh))
+    smallest = min(smallest, options.max_vertices)
     basis.set_params(n_components=min(basis.n_components, max(options.functions, smallest - 1)))
     shapes = probes.fit_transform(basis.fit_transform(collection.meshes))
     if isinstance(shapes[0], SkippedShape):

@@ -11,6 +11,7 @@ from skfmap.exceptions import MeshError
 from skfmap.geometry.faults import (
     count_components,
     degenerate_faces,
+    is_wound_consistently,
     nonmanifold_edges,
     repeated_corners,
     sound_faces,
@@ -101,7 +102,9 @@ def working_mesh(
     if wrap and sound.reason_to_wrap:
         content_hash = hash_of_arrays(vertices, faces)
         shell = cached(_wrapped, memory)((vertices, faces), content_hash, max_vertices)
-        return _of_shell(shell, name, sound)
+        working = _of_shell(shell, name, sound)
+        check_sound(working.mesh, laplacian)
+        return working
     mesh, vertex_map = sound.mesh, sound.vertex_map
     if max_vertices is None or mesh.n_vertices <= max_vertices:
         faces, consistent, outward = orient_faces(mesh.vertices, mesh.faces)
@@ -173,16 +176,19 @@ def _thinned(mesh: Mesh, content_hash: str, n_vertices: int) -> _Thinned:  # noq
 
     Never at the point nearest in space: that may be on the other side of a thin wall.
     """
+    given = mesh.faces
+    if not is_wound_consistently(given):
+        given, _, _ = orient_faces(mesh.vertices, given)
     try:
-        small = thin(mesh.vertices, mesh.faces, n_vertices)
+        small = thin(mesh.vertices, given, n_vertices)
     except ValueError as error:
         raise _not_thinned(mesh, n_vertices, str(error)) from error
     faces, consistent, outward = orient_faces(small.vertices, small.faces)
     # An open surface may have been wound inwards.
     flipped = -1.0 if outward and signed_volume(small.vertices, small.faces) < 0 else 1.0
-    normals = flipped * vertex_normals(mesh.vertices, mesh.faces)
+    normals = flipped * vertex_normals(mesh.vertices, given)
     places = places_after_collapse(mesh.vertices, normals, small.vertices, faces, small.vertex_map)
-    report = check_thinned(mesh.vertices, mesh.faces, small, places.distance)
+    report = check_thinned(mesh.vertices, given, small, places.distance)
     if not report.manifold or report.n_pieces > 1:
         raise _not_thinned(mesh, n_vertices, "its surface would come apart")
     return _Thinned(
@@ -254,6 +260,11 @@ def _wrapped(
 
 
 def _of_shell(shell: _Shell, name: str | None, sound: _Sound) -> WorkingMesh:
+    if (shell.face < 0).all():
+        raise MeshError(
+            f"{label(name)} cannot be wrapped: its shell reaches none of its vertices. Use "
+            "SpectralBasis(wrap=None)."
+        )
     told = (
         f"wrapped, because {sound.reason_to_wrap}: openings narrower than {2 * shell.radius:.3g} "
         f"of its units are closed, and {(shell.face < 0).sum()} of {len(shell.face)} vertices, "

@@ -222,6 +222,11 @@ class SpectralBasis(Versioned, StatelessShapeTransformer, BaseEstimator):
         check_choice(self.laplacian, "laplacian", LAPLACIANS)
         if self.max_vertices is not None:
             check_number(self.max_vertices, "max_vertices", low=100, integer=True)
+            if self.max_vertices <= self.n_components:
+                raise ValueError(
+                    f"max_vertices={self.max_vertices} leaves too few vertices for n_components="
+                    f"{self.n_components}; raise it, best to 3,000 and more."
+                )
         if self.wrap is not None:
             check_choice(self.wrap, "wrap", ("auto",))
 

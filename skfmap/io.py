@@ -348,7 +348,10 @@ def n_vertices_of(item: MeshLike) -> int:
             return len(read_arrays(item)[0])
         except (MeshError, OSError):
             return 0
-    vertices = item[0] if isinstance(item, (tuple, list)) else getattr(item, "vertices", ())
+    if isinstance(item, (tuple, list)):
+        vertices: Any = item[0] if len(item) == 2 else ()
+    else:
+        vertices = getattr(item, "vertices", ())
     return len(vertices) if hasattr(vertices, "__len__") else 0
 
 

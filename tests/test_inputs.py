@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from skfmap import Correspondence, SpectralBasis
-from skfmap.exceptions import CorrespondenceError, SkippedShapeWarning
+from skfmap.exceptions import CorrespondenceError, CoverageWarning, SkippedShapeWarning
 from skfmap.learner.inputs import (
     check_correspondences,
     check_new_shapes,
@@ -79,7 +79,8 @@ def test_pairs_of_vertices_without_a_place_are_left_out(probed):
     places = Prolongation.of_vertices(vertex_map, mesh.faces)
     mended = replace(probed[1], spectral=replace(probed[1].spectral, prolongation=places))
     truth = Correspondence([[0, 5], [1, 6], [n, 7]])
-    (checked,) = check_correspondences([truth], [mended])
+    with pytest.warns(CoverageWarning, match=r"1 of the 3 pairs of X\[0\] \('body1'\)"):
+        (checked,) = check_correspondences([truth], [mended])
     assert checked.pairs.tolist() == [[0, 5], [n, 7]]
     with pytest.raises(CorrespondenceError, match="All pairs of shape 'body1'"):
         check_correspondences([Correspondence([[1, 6]])], [mended])

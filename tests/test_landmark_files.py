@@ -5,7 +5,9 @@ import json
 import numpy as np
 import pytest
 
-from skfmap.datasets import load_collection
+from skfmap import Mesh
+from skfmap.datasets import load_collection, make_sphere
+from skfmap.datasets._landmark_files import nearest_vertices
 from skfmap.exceptions import CorrespondenceError, RepairWarning
 from skfmap.io import write_mesh
 
@@ -88,3 +90,13 @@ def test_points_of_one_name_and_points_beside_the_mesh_are_refused(folder, colle
     _write(folder / "body1.mrk.json", metres)
     with pytest.raises(CorrespondenceError, match=r"do not lie on 'body1'.*Another unit"):
         load_collection(folder)
+
+
+def test_landmarks_that_lie_on_the_mesh_as_they_are_are_not_turned(tmp_path):
+    """An egg is nearly its own image when it is turned by half."""
+    ball = make_sphere(n_subdivisions=3)
+    egg = Mesh(ball.vertices * [1, 1.3, 1.7], ball.faces, "egg")
+    at = np.random.default_rng(0).choice(egg.n_vertices, 20, replace=False)
+    vertices, turned = nearest_vertices(egg.vertices[at] + 0.005, egg, tmp_path / "egg.mrk.json")
+    assert turned == ""
+    np.testing.assert_array_equal(vertices, at)

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from sklearn.base import clone
 from sklearn.pipeline import make_pipeline
 
 import skfmap
@@ -22,6 +23,7 @@ from skfmap._measures import GeodesicDistances, PlaceDistances
 from skfmap.datasets import make_sphere
 from skfmap.descriptors import FunctionProbes
 from skfmap.exceptions import MeshError
+from skfmap.geometry.thinning import thin
 from skfmap.ground_truth import join_with_reference, known_maps
 from skfmap.io import open_given, write_mesh
 from skfmap.persistence import load_model, save_model
@@ -349,3 +351,82 @@ def test_a_body_full_of_tunnels_is_wrapped_if_asked(dense):
     with pytest.warns(skfmap.exceptions.RepairWarning, match="kept the largest of"):
         (plain,) = SpectralBasis(30, max_vertices=_MOST).transform([dirty])
     assert plain.prolongation.placed.sum() == body.n_vertices
+
+
+def _moebius(n, m):
+    """Return vertices and faces of a band with one side."""
+    angle, across = np.meshgrid(2 * np.pi * np.arange(n) / n, np.linspace(-0.4, 0.4, m))
+    radius = 1 + across * np.cos(angle / 2)
+    vertices = np.stack(
+        [radius * np.cos(angle), radius * np.sin(angle), across * np.sin(angle / 2)], axis=-1
+    )
+    faces = []
+    for j in range(m - 1):
+        for i in range(n):
+            a, b = (j, i), (j + 1, i)
+            c, d = ((j, i + 1), (j + 1, i + 1)) if i + 1 < n else ((m - 1 - j, 0), (m - 2 - j, 0))
+            numbers = [row * n + column for row, column in (a, b, c, d)]
+            faces += [[numbers[0], numbers[2], numbers[1]], [numbers[1], numbers[2], numbers[3]]]
+    return vertices.reshape(-1, 3), np.array(faces)
+
+
+def test_a_mesh_that_is_wound_otherwise_somewhere_is_turned_before_it_is_thinned():
+    ball = make_sphere(n_subdivisions=4)
+    faces = ball.faces.copy()
+    faces[7] = faces[7][::-1]
+    for on_invalid in ("mend", "raise"):
+        basis = SpectralBasis(30, max_vertices=_MOST, on_invalid=on_invalid)
+        (shape,) = basis.transform([(ball.vertices, faces)])
+        assert shape.mesh.n_vertices <= _MOST
+        assert shape.oriented
+
+
+def test_a_surface_without_an_outside_is_not_thinned_and_says_so():
+    basis = SpectralBasis(30, max_vertices=300)
+    with pytest.raises(MeshError, match=r"'shape 0' cannot be thinned .* no consistent winding"):
+        basis.transform([_moebius(40, 30)])
+
+
+@pytest.mark.parametrize("width", [3, 5, 10])
+def test_narrow_strips_keep_about_as_many_vertices_as_asked_for(width):
+    x, y = np.meshgrid(np.arange(1000) / 100, np.arange(width) / 100)
+    vertices = np.stack([x, y, 0.1 * np.sin(5 * x)], axis=-1).reshape(-1, 3)
+    corner = (np.arange(width - 1)[:, None] * 1000 + np.arange(999)).ravel()
+    a, b, c, d = corner, corner + 1, corner + 1000, corner + 1001
+    faces = np.concatenate([np.stack([a, b, c], axis=1), np.stack([b, d, c], axis=1)])
+    small = thin(vertices, faces, 400)
+    assert 200 < len(small.vertices) <= 400
+
+
+def test_threads_and_one_after_another_answer_alike(learner, thinned):
+    shapes = [*thinned[1:], *thinned[1:]]
+    one, two = (clone(learner).set_params(n_jobs=n) for n in (None, 2))
+    for each in (one, two):
+        each.__dict__.update({k: v for k, v in vars(learner).items() if k.endswith("_")})
+    for a, b in zip(one.match(shapes), two.match(shapes), strict=True):
+        np.testing.assert_array_equal(a.p2p, b.p2p)
+        np.testing.assert_array_equal(a.inverse, b.inverse)
+
+
+def test_fewer_vertices_than_functions_are_told_by_the_parameter():
+    with pytest.raises(ValueError, match="max_vertices=100 leaves too few vertices for n_comp"):
+        SpectralBasis(max_vertices=100).fit([make_sphere()])
+
+
+def test_pairs_at_pieces_that_were_left_out_are_told(learner, dense):
+    mesh, truth = dense.meshes[4], dense.truths[4]
+    n = mesh.n_vertices
+    speck = make_sphere(n_subdivisions=1)
+    dirty = (
+        np.vstack([mesh.vertices, 0.01 * speck.vertices + 5]),
+        np.vstack([mesh.faces, speck.faces + n]),
+    )
+    with pytest.warns(skfmap.exceptions.RepairWarning):
+        shapes = DescriptorTransformer().transform(
+            SpectralBasis(30, max_vertices=_MOST).transform([dirty])
+        )
+    pairs = truth.pairs.copy()
+    pairs[:30, 0] = n
+    with pytest.warns(skfmap.exceptions.CoverageWarning, match="30 of the 300 pairs of X"):
+        (errors,) = learner.pair_errors(shapes, [Correspondence(pairs)])
+    assert len(errors.direct) == 270

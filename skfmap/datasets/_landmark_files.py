@@ -16,6 +16,8 @@ __all__ = ["nearest_vertices", "read_mrk_json"]
 # Share of the mesh's extent that the middle one of its landmarks may be away from it; those of
 # mouse skulls are at 0.002.
 _AWAY = 0.05
+# From this share on, landmarks do not lie on the mesh if turned ones are so many times nearer.
+_BESIDE, _NEARER = 0.01, 5.0
 
 
 def read_mrk_json(path: Path) -> dict[str, FloatArray]:
@@ -57,7 +59,9 @@ def nearest_vertices(points: FloatArray, mesh: Mesh, path: Path) -> tuple[IntArr
     for done, signs in (("", [1.0, 1, 1]), ("x and y negated (RAS and LPS?)", [-1.0, -1, 1])):
         distances, at = tree.query(points * signs)
         away[done], found[done] = float(np.median(distances)) / extent, used[at]
-    best = min(away, key=lambda done: away[done])
+    as_they_are, turned = away
+    is_turned = away[as_they_are] > max(_BESIDE, _NEARER * away[turned])
+    best = turned if is_turned else as_they_are
     if away[best] > _AWAY:
         raise CorrespondenceError(
             f"The points of {path} do not lie on {mesh.name!r}: half of them are farther than "

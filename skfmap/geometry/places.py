@@ -308,13 +308,14 @@ class Surface:
         wanted = np.zeros(len(self._used), dtype=bool)
         wanted[faces] = True
         new = np.flatnonzero(wanted & ~self._has_frame)
-        self._has_frame[new] = True
         corners = self._corners[new]
         a, b, c = ((self._vertices[corners[:, j]] - self._centre) / self._scale for j in range(3))
         frames = _frames(a, b, c)
         if self._vertex_normals is not None:
             frames[:, 9:12] = _unit(self._vertex_normals[corners].sum(axis=1))
+        # In this order: another thread may look.
         self._frames[new] = frames
+        self._has_frame[new] = True
 
     def _nearest(
         self, points: FloatArray, normals: FloatArray, rings: sp.csr_array, rows: IntArray

@@ -38,7 +38,7 @@ _SMALL_STEP = 0.1
 
 # How often to thin for a number of vertices, which depends on how many are on the boundary, and
 # the share of it that is near enough.
-_TRIES = 6
+_TRIES = 8
 _NEARLY = 0.99
 
 # Cosine below which normals on two sides of a wall are opposite: 120 degrees.
@@ -79,6 +79,11 @@ def thin(vertices: FloatArray, faces: IntArray, n_vertices: int) -> Thinned:
     n_vertices : int
         How many vertices to leave at most.
 
+    Raises
+    ------
+    ValueError
+        If the faces are not wound consistently.
+
     Returns
     -------
     Thinned
@@ -115,6 +120,8 @@ def thin(vertices: FloatArray, faces: IntArray, n_vertices: int) -> Thinned:
     faces = np.ascontiguousarray(faces, dtype=np.int64)
     if n_given <= n_vertices:
         return Thinned(vertices, faces, np.arange(n_given))
+    if not is_wound_consistently(faces):  # the libraries beneath would not come to an end
+        raise ValueError("its faces have no consistent winding, or more than two share an edge")
     low, high = vertices.min(axis=0), vertices.max(axis=0)
     centre, scale = (low + high) / 2, float((high - low).max()) / 2
     dense = Thinned((vertices - centre) / scale, faces, np.arange(n_given))
@@ -264,10 +271,12 @@ def _by_shortest_edges(mesh: Thinned, n_vertices: int, n_rim: float) -> Thinned:
     n, n_faces = len(mesh.vertices), len(mesh.faces)
     # Euler: n = n_faces / 2 + n_rim / 2 + characteristic, for the given mesh and for what is left.
     characteristic = n - (n_faces + _count_rim(mesh.faces, n)) / 2
-    best = mesh
+    best, too_few, too_many = mesh, 0, n_faces
     for _ in range(_TRIES):
-        wanted = min(int(2 * (n_vertices - characteristic) - n_rim), n_faces - 1)
-        vertices, faces, births, _ = igl.decimate(mesh.vertices, mesh.faces, max(wanted, 1))
+        wanted = int(2 * (n_vertices - characteristic) - n_rim)
+        if not too_few < wanted < too_many:
+            wanted = max((too_few + too_many) // 2, 1)
+        vertices, faces, births, _ = igl.decimate(mesh.vertices, mesh.faces, wanted)
         faces = np.ascontiguousarray(faces, dtype=np.int64)
         n_left = len(vertices)
         if len(best.vertices) > n_vertices or len(best.vertices) < n_left <= n_vertices:
@@ -278,6 +287,7 @@ def _by_shortest_edges(mesh: Thinned, n_vertices: int, n_rim: float) -> Thinned:
             best = Thinned(np.ascontiguousarray(vertices), faces, onwards)
         if _NEARLY * n_vertices <= n_left <= n_vertices:
             break
+        too_few, too_many = (too_few, wanted) if n_left > n_vertices else (wanted, too_many)
         n_rim = _count_rim(faces, n_left) + (n_left > n_vertices)
     return best
 

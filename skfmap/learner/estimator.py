@@ -661,7 +661,7 @@ class WeightedFunctionalMapLearner(CallbackSupportMixin, Versioned, BaseEstimato
         check_choice(interpolate, "interpolate", INTERPOLATIONS)
         matcher = changed(self.matcher_, refine=refine)
         refined = matcher.refinement is not None and matcher.refinement is self.refine_
-        target = given_reference(matcher.reference)
+        target = given_reference(matcher.reference, shapes)
         arguments = (
             (matcher, self.confidence_, shape, interpolate, refined, target) for shape in shapes
         )
@@ -670,7 +670,7 @@ class WeightedFunctionalMapLearner(CallbackSupportMixin, Versioned, BaseEstimato
     def _point_maps(self, shapes: Sequence[ProbedShape], **how: Any) -> list[IntArray]:
         """Return point maps between the given meshes."""
         matcher = changed(self.matcher_, **how)
-        target = given_reference(matcher.reference)
+        target = given_reference(matcher.reference, shapes)
         arguments = ((matcher, shape, target) for shape in shapes)
         return map_shapes(point_map, arguments, n_jobs=self.n_jobs, verbose=0, prefer="threads")
 

@@ -1,5 +1,6 @@
 """From answers on working meshes to answers on the given ones."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
@@ -71,6 +72,7 @@ class GivenReference:
         face, coordinates, _ = self.surface.locate(points, normals)
         last_two = coordinates.astype(np.float64)
         weights = np.column_stack([np.maximum(1 - last_two.sum(axis=1), 0.0), last_two])
+        weights /= weights.sum(axis=1, keepdims=True)  # coordinates are in single precision
         return self.arrays[1][face], weights
 
     def of_working_vertices(self) -> IntArray:
@@ -88,9 +90,15 @@ class GivenReference:
         return np.take_along_axis(corners, np.argmin(away, axis=1)[:, None], axis=1)[:, 0]
 
 
-def given_reference(reference: ProbedShape) -> GivenReference:
-    """Return the given mesh of the reference, as answers need it."""
-    return GivenReference(reference.spectral)
+def given_reference(reference: ProbedShape, shapes: Sequence[ProbedShape] = ()) -> GivenReference:
+    """Return the given mesh of the reference, as answers on these shapes need it.
+
+    What they share is made now, before threads ask for it.
+    """
+    target = GivenReference(reference.spectral)
+    if not all(one.spectral.keeps_vertices for one in (reference, *shapes)):
+        target.places(np.zeros((1, 3)), np.array([[0.0, 0, 1]]))
+    return target
 
 
 def on_working_mesh(
@@ -206,7 +214,9 @@ def _point_map(
     corners, weights = target.places(carried[:, :3], carried[:, 3:])
     shape = (spectral.n_given, reference.n_given)
     places = sp.coo_array((weights.ravel(), (np.repeat(placed, 3), corners.ravel())), shape=shape)
-    return _filled(target.nearest_corners(corners, weights), placed, shape[0]), places.tocsr()
+    matrix = places.tocsr()
+    matrix.eliminate_zeros()
+    return _filled(target.nearest_corners(corners, weights), placed, shape[0]), matrix
 
 
 def _inverse(inverse: IntArray, spectral: SpectralShape, target: GivenReference) -> IntArray:

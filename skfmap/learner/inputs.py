@@ -6,11 +6,15 @@ from typing import Any
 import numpy as np
 
 from skfmap._tools.validation import check_index_range, check_pairs, check_samples, label
-from skfmap.exceptions import CorrespondenceError
+from skfmap._tools.warn import warn
+from skfmap.exceptions import CorrespondenceError, CoverageWarning
 from skfmap.shapes import Correspondence, ProbedShape, SkippedShape
 from skfmap.shapes.usable import Usable, describe, pick_usable, warn_of_skipped
 
 __all__ = ["check_correspondences", "check_new_shapes", "check_scored", "check_shapes"]
+
+# Share of the pairs of a shape that may be at vertices without a place without a word.
+_MANY_LOST = 0.02
 
 
 def check_shapes(X: object, n_functions: int) -> Sequence[Any]:
@@ -91,10 +95,31 @@ def check_correspondences(
             f"X has {len(shapes)} shapes, but y has {len(items)} correspondences; give one for "
             "each."
         )
-    return [
+    checked = [
         _checked(item, i, shape, skip)
         for i, (item, shape) in enumerate(zip(items, shapes, strict=True))
     ]
+    _warn_of_lost_pairs(items, checked, shapes)
+    return checked
+
+
+def _warn_of_lost_pairs(
+    items: Sequence[Any], checked: Sequence[Any], shapes: Sequence[Any]
+) -> None:
+    """Name the shapes many of whose pairs are at vertices without a place."""
+    told = []
+    for i, (item, kept, shape) in enumerate(zip(items, checked, shapes, strict=True)):
+        if isinstance(kept, SkippedShape) or shape.spectral.prolongation is None:
+            continue
+        n = len(item.pairs if isinstance(item, Correspondence) else item)
+        if n - len(kept.pairs) > _MANY_LOST * n:
+            told.append(f"{n - len(kept.pairs)} of the {n} pairs of {describe(i, shape)}")
+    if told:
+        warn(
+            f"{', '.join(told)} are at vertices that were left out when the mesh was mended or "
+            "wrapped, and are neither learned from nor scored.",
+            CoverageWarning,
+        )
 
 
 def _check_same_probes(shape: ProbedShape, other: ProbedShape, who: str, whom: str) -> None:

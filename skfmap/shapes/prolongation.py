@@ -116,6 +116,7 @@ class Prolongation:
         placed = np.flatnonzero(face >= 0)
         last_two = coordinates[placed].astype(np.float64)
         weights = np.column_stack([np.maximum(1 - last_two.sum(axis=1), 0.0), last_two])
+        weights /= weights.sum(axis=1, keepdims=True)  # coordinates are in single precision
         rows = np.repeat(placed, 3)
         matrix = sp.coo_array(
             (weights.ravel(), (rows, faces[face[placed]].ravel())), shape=(len(face), n_working)

@@ -252,3 +252,8 @@ def adjacency(faces: IntArray, n_vertices: int) -> SparseMatrix:
     links = sp.coo_array((np.ones(both.shape[1]), both), shape=(n_vertices, n_vertices)).tocsr()
     links.data[:] = 1.0
     return links
+
+
+def _normalised(weights: FloatArray) -> FloatArray:
+    """Return weights whose rows sum to 1, which single precision leaves open."""
+    return np.asarray(weights / weights.sum(axis=1, keepdims=True))

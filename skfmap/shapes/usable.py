@@ -91,4 +91,6 @@ def warn_of_repairs(made: Sequence[tuple[Any, str]]) -> None:
     """Name the shapes that were mended, and say what was done."""
     told = [f"{label(shape.name, 'shape')}: {done}" for shape, done in made if done]
     if told:
-        warn(f"Meshes were mended. {'; '.join(told)}.", RepairWarning)
+        only_thinned = all(done.startswith("thinned") for _, done in made if done)
+        head = "Of thinned meshes" if only_thinned else "Meshes were mended"
+        warn(f"{head}{':' if only_thinned else '.'} {'; '.join(told)}.", RepairWarning)
