@@ -305,8 +305,8 @@ class BijectiveZoomOut(Refinement):
     def refine(self, learned: Learned, spectral: SpectralShape, match: PointMatch) -> PointMatch:
         """Return the match in all functions held."""
         spectral_0, sizes = learned.reference.spectral, [*_sizes(learned, spectral, self.step)]
-        n = None if self.n_samples is None else max(self.n_samples, _PER_FUNCTION * sizes[-1])
-        few, few_0 = _sampled(spectral, n), _sampled_once(spectral_0, n)
+        n_samples = self.n_samples and max(self.n_samples, _PER_FUNCTION * sizes[-1])
+        few, few_0 = _sampled(spectral, n_samples), _sampled_once(spectral_0, n_samples)
         points: tuple[_Points, _Points] = (spectral, spectral_0)
         C, p2p, inverse = None, match.p2p, match.inverse
         for n in sizes:
