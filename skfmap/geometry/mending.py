@@ -572,7 +572,9 @@ def _shortest_twisted_way(edges: HalfEdges, conflict: BoolArray) -> IntArray:
     # Each vertex stands there twice, v and v + n, once for each side of the surface.
     rows = np.concatenate([edges.start, edges.start + n])
     columns = np.concatenate([edges.end + n * changed, edges.end + n * ~changed])
-    graph = sp.csr_array((np.ones(len(rows)), (rows, columns)), shape=(2 * n, 2 * n))
+    # Older versions of scipy's graph routines take 32-bit indices only.
+    ends_of = rows.astype(np.int32), columns.astype(np.int32)
+    graph = sp.csr_array((np.ones(len(rows)), ends_of), shape=(2 * n, 2 * n))
     shortest, start = int(conflict.sum()), -1
     for vertex in ends:
         length = sp.csgraph.dijkstra(
