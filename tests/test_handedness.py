@@ -1,12 +1,13 @@
 """Mirrored shapes are found out, in training and after it."""
 
 import warnings
+from copy import copy
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from skfmap import DescriptorTransformer, Mesh, SpectralBasis
+from skfmap import BridgedLearner, DescriptorTransformer, Mesh, SpectralBasis
 from skfmap.exceptions import OrientationWarning
 
 
@@ -71,3 +72,101 @@ def test_a_body_that_is_its_own_mirror_image_raises_no_alarm(
     with warnings.catch_warnings():
         warnings.simplefilter("error", OrientationWarning)
         learner.match(DescriptorTransformer().transform(SpectralBasis(30).transform([image])))
+
+
+def _mirrored(mesh):
+    return Mesh(mesh.vertices * [1, 1, -1], mesh.faces[:, ::-1], name="mirrored " + mesh.name)
+
+
+@pytest.fixture(scope="module")
+def reflecting(make_learner, probed, collection):
+    """Return a learner that reflects, fitted on shapes of one side."""
+    return make_learner(on_mirrored="reflect", memory=None).fit(probed[:4], collection.truths[:4])
+
+
+def test_a_mirrored_new_shape_is_matched_as_the_shape(reflecting, mirrored, probed):
+    given, expected = [mirrored[0], probed[4], mirrored[1]], [probed[4], probed[4], probed[5]]
+    message = r"were reflected: X\[0\] \('mirrored body4'\), X\[2\] \('mirrored body5'\)\."
+    with pytest.warns(OrientationWarning, match=message) as told:
+        matches = reflecting.match(given)
+    assert len(told) == 1
+    assert [match.name for match in matches] == ["mirrored body4", "body4", "mirrored body5"]
+    for match, other in zip(matches, reflecting.match(expected), strict=True):
+        np.testing.assert_array_equal(match.p2p, other.p2p)
+        np.testing.assert_allclose(match.expected_error, other.expected_error, rtol=1e-3)
+        assert match.familiar
+    with pytest.warns(OrientationWarning, match=message):
+        maps = reflecting.point_maps(given)
+    for p2p, match in zip(maps, matches, strict=True):
+        np.testing.assert_array_equal(p2p, match.p2p)
+    with pytest.warns(OrientationWarning, match=message):
+        functional_maps = reflecting.functional_maps(given)
+    np.testing.assert_array_equal(functional_maps, [match.functional_map for match in matches])
+
+
+def test_a_mirrored_new_shape_is_scored_as_the_shape(reflecting, mirrored, probed, collection):
+    alone = reflecting.score([probed[5]], [collection.truths[5]])
+    with pytest.warns(OrientationWarning, match="were reflected"):
+        score = reflecting.score([mirrored[1]], [collection.truths[5]])
+    np.testing.assert_allclose(score, alone, rtol=1e-6)
+    warned = copy(reflecting).set_params(on_mirrored="warn")
+    assert warned.score([mirrored[1]], [collection.truths[5]]) < 2 * alone, "no test otherwise"
+
+
+def test_a_mirrored_training_shape_teaches_what_the_shape_teaches(
+    make_learner, mirrored, probed, collection
+):
+    shapes = [*probed[:3], mirrored[0]]
+    truths = [*collection.truths[:3], collection.truths[4]]
+    learner = make_learner(on_mirrored="reflect", memory=None)
+    with pytest.warns(OrientationWarning, match=r"were reflected: X\[3\] \('mirrored body4'\)\."):
+        learner.fit(shapes, truths)
+    alone = make_learner(memory=None).fit([*probed[:3], probed[4]], truths)
+    np.testing.assert_allclose(learner.weights_, alone.weights_, rtol=0.02)  # of one search's tol
+    np.testing.assert_allclose(learner.training_errors_, alone.training_errors_, rtol=0.02)
+    (match,), (other,) = learner.match([probed[5]]), alone.match([probed[5]])
+    np.testing.assert_array_equal(match.p2p, other.p2p)
+    with pytest.warns(OrientationWarning, match="were reflected"):
+        threaded = make_learner(on_mirrored="reflect", memory=None, n_jobs=2).fit(shapes, truths)
+    np.testing.assert_array_equal(threaded.weights_, learner.weights_)
+    with pytest.warns(OrientationWarning, match="were reflected"):
+        (two,) = threaded.match([mirrored[1]])
+    with pytest.warns(OrientationWarning, match="were reflected"):
+        (one,) = learner.match([mirrored[1]])
+    np.testing.assert_array_equal(one.p2p, two.p2p)
+
+
+def test_a_body_that_is_its_own_mirror_image_is_not_reflected(
+    make_learner, symmetric_probed, symmetric_collection
+):
+    warn, reflect = (
+        make_learner(n_functions=10, on_mirrored=word).fit(
+            symmetric_probed[:3], symmetric_collection.truths[:3]
+        )
+        for word in ("warn", "reflect")
+    )
+    np.testing.assert_array_equal(warn.weights_, reflect.weights_)
+    image = _mirrored(symmetric_collection.meshes[3])
+    shapes = [
+        symmetric_probed[3],
+        *DescriptorTransformer().transform(SpectralBasis(30).transform([image])),
+    ]
+    for one, other in zip(warn.match(shapes), reflect.match(shapes), strict=True):
+        np.testing.assert_array_equal(one.p2p, other.p2p)
+
+
+def test_a_mirrored_shape_goes_through_a_bridge_as_the_shape(
+    make_learner, mirrored, probed, collection
+):
+    learner = BridgedLearner(make_learner(on_mirrored="reflect"), through="mirrored body4")
+    with pytest.warns(OrientationWarning, match=r"were reflected: X\[2\] \('mirrored body4'\)\."):
+        learner.fit(
+            [*probed[:2], mirrored[0], probed[2]], [collection.truths[i] for i in (0, 1, 4, 2)]
+        )
+    (expected,) = learner.match([probed[5]])
+    with pytest.warns(OrientationWarning, match=r"were reflected: X\[0\]"):
+        (match,) = learner.match([mirrored[1]])
+    np.testing.assert_array_equal(match.p2p, expected.p2p)
+    with pytest.warns(OrientationWarning, match=r"were reflected: X\[0\]"):
+        (p2p,) = learner.point_maps([mirrored[1]])
+    np.testing.assert_array_equal(p2p, expected.p2p)

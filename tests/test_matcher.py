@@ -10,7 +10,8 @@ import skfmap.learner.matcher
 from skfmap import Mesh
 from skfmap.functional import penalty_of, scale_by, solve_functional_map
 from skfmap.functional.residuals import trusted_functions
-from skfmap.learner.matcher import embedding_distance, odd_probes
+from skfmap.learner.matcher import embedding_distance
+from skfmap.learner.mirrored import odd_probes
 
 
 def test_equation_2_is_solved_once_per_shape(fitted, probed, monkeypatch):

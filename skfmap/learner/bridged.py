@@ -238,7 +238,12 @@ class BridgedLearner(Versioned, BaseEstimator):
         check_is_fitted(self)
         if self.bridge_ is None or self._across is None:
             return self.estimator_.point_maps(X, **how)
-        return [np.append(self._across.p2p, -1)[p2p] for p2p in self.bridge_.point_maps(X, **how)]
+        usable = self.estimator_._usable(X)
+        p2ps = [
+            np.append(self._across.p2p, -1)[p2p]
+            for p2p in self.bridge_._point_maps(usable.shapes, **how)
+        ]
+        return put_back(p2ps, usable, lambda skipped: np.full(skipped.n_vertices, -1))
 
     def pair_errors(
         self,

@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from sklearn.exceptions import ConvergenceWarning
 
-from skfmap._tools.types import BoolArray, FloatArray
+from skfmap._tools.types import FloatArray
 from skfmap._tools.warn import warn
 from skfmap.exceptions import (
     CoverageWarning,
@@ -22,12 +22,19 @@ from skfmap.exceptions import (
 from skfmap.functional.learning import LearnedMaps
 from skfmap.functional.optimize import LOG_WEIGHT_BOUND
 from skfmap.ground_truth import coverage_messages
-from skfmap.learner.matcher import Solution, odd_probes
+from skfmap.learner.matcher import Solution
+from skfmap.learner.mirrored import is_against
 from skfmap.learner.training_set import TrainingSet
-from skfmap.shapes import ProbedShape
 from skfmap.shapes.usable import Usable, describe
 
-__all__ = ["Finding", "diagnose", "diagnose_new_shapes", "is_mirrored", "report"]
+__all__ = [
+    "Finding",
+    "diagnose",
+    "diagnose_new_shapes",
+    "diagnose_reflected",
+    "is_mirrored",
+    "report",
+]
 
 # Where even the most stable function is missed by so much of its norm, half of its square is lost:
 # nothing was learned.
@@ -37,9 +44,6 @@ _UNSTABLE = 0.7
 # is at 0.08, animals taken for their mirror images at 0.2 and more, with shuffled numbers at 0.35
 # and more.
 _WRONG, _WRONG_TO_ALL, _TIMES_THE_OTHERS = 0.06, 0.2, 3
-# Correlation of oriented probes with their images under the known map; that of sound TOSCA shapes
-# is 0.3 to 0.9.
-_AGAINST = -0.1
 # What is left of equation (2) for the mirror image, as a share of that for the shape; sound shapes
 # are above 1.
 _MUCH_BETTER = 0.7
@@ -106,7 +110,8 @@ def diagnose_new_shapes(
                 "As mirror images, these shapes fit the reference much better: "
                 f"{', '.join(images)}. Left may be taken for right there; check that the mesh is "
                 "not mirrored or inside out (a scan with one axis negated, or faces wound inwards "
-                "on an open surface).",
+                "on an open surface). Specimens of both sides: on_mirrored='reflect' matches them "
+                "all alike.",
             )
         )
     if strange:
@@ -121,6 +126,16 @@ def diagnose_new_shapes(
             )
         )
     return findings
+
+
+def diagnose_reflected(called: Sequence[str]) -> list[Finding]:
+    """Return which shapes were matched, or learned from, as their mirror images."""
+    message = (
+        f"These shapes are mirror images of what the others are, and were reflected: "
+        f"{', '.join(called)}. Answers are on the meshes as they were given. If that is not "
+        "meant, give on_mirrored='warn'."
+    )
+    return [Finding(OrientationWarning, message)] if called else []
 
 
 def is_mirrored(solution: Solution) -> bool:
@@ -151,32 +166,27 @@ def _convergence(learned: LearnedMaps, tol: float) -> list[Finding]:
 
 
 def _mirrored(training: TrainingSet) -> list[Finding]:
-    """Find shapes whose known maps take oriented probes to their opposites."""
-    odd = odd_probes(training.reference)
-    if not odd.any():
-        return []
+    """Find shapes that were reflected, and others that are mirrored by their correspondences."""
+    called = [training.describe(i) for i in range(len(training.shapes))]
+    reflected = [who for who, shape in zip(called, training.shapes, strict=True) if shape.reflected]
     suspects = [
-        training.describe(i)
-        for i, (shape, one) in enumerate(zip(training.shapes, training.known, strict=True))
-        if _agreement(training.reference, shape, one.C, odd) < _AGAINST
+        who
+        for who, shape, join, one in zip(
+            called, training.shapes, training.joins, training.known, strict=True
+        )
+        if is_against(shape, training.reference, join, one)
     ]
     message = (
-        f"The correspondences of {', '.join(suspects)} take left for right: oriented probes run "
-        f"against those of the reference {training.reference.name!r}. The meshes are mirrored or "
-        "inside out, or the correspondences are the symmetric ones; mirror the mesh back (negate "
-        "one coordinate and reverse the faces), or use DescriptorTransformer('paper')."
+        f"The correspondences of {', '.join(suspects)} take left for right: oriented probes, or "
+        f"places in space, run against those of the reference {training.reference.name!r}. The "
+        "meshes are mirrored or inside out, or the correspondences are the symmetric ones; mirror "
+        "the mesh back (negate one coordinate and reverse the faces), let the learner do it "
+        "(on_mirrored='reflect'), or use DescriptorTransformer('paper')."
     )
-    return [Finding(OrientationWarning, message)] if suspects else []
-
-
-def _agreement(reference: ProbedShape, shape: ProbedShape, C: FloatArray, odd: BoolArray) -> float:
-    """Return the correlation of a shape's oriented probes with those that the map carries."""
-    k = len(C)
-    own, carried = shape.probes[1:k, odd], (C @ reference.probes[:k])[1:, odd]
-    own, carried = (
-        values / np.maximum(np.linalg.norm(values, axis=0), 1e-300) for values in (own, carried)
-    )
-    return float((own * carried).sum() / odd.sum())
+    return [
+        *diagnose_reflected(reflected),
+        *([Finding(OrientationWarning, message)] if suspects else []),
+    ]
 
 
 def _disagreement(training: TrainingSet, errors: FloatArray) -> list[Finding]:

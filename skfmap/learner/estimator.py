@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from functools import partial
 from typing import Any, Self
 
 import numpy as np
@@ -23,12 +24,20 @@ from skfmap.functional.regularization import Regularizer
 from skfmap.functional.stable_basis import missed_by_maps
 from skfmap.ground_truth import join_with_reference, known_maps, warn_of_coverage
 from skfmap.learner.confidence import Confidence
-from skfmap.learner.diagnostics import Finding, diagnose, diagnose_new_shapes, is_mirrored, report
+from skfmap.learner.diagnostics import (
+    Finding,
+    diagnose,
+    diagnose_new_shapes,
+    diagnose_reflected,
+    is_mirrored,
+    report,
+)
 from skfmap.learner.error_model import ErrorModel
 from skfmap.learner.given_answers import given_reference
 from skfmap.learner.inputs import check_new_shapes, check_scored
 from skfmap.learner.legacy import upgraded
 from skfmap.learner.matcher import Matcher, Solution
+from skfmap.learner.mirrored import mirror_image
 from skfmap.learner.new_shape import INTERPOLATIONS, MatchedShape, match_shape, no_match, point_map
 from skfmap.learner.parameters import (
     WORDS,
@@ -111,6 +120,13 @@ class WeightedFunctionalMapLearner(CallbackSupportMixin, Versioned, BaseEstimato
         without a point of the reference, or with too few points. ``"skip"`` leaves it out with a
         warning; the reference's always raises. Shapes that the steps before skipped are left out in
         any case.
+    on_mirrored : {"warn", "reflect"}, default="warn"
+        What to do with shapes that are mirror images of what the reference is, as a right femur
+        among left ones: training shapes by their correspondences, new ones where equation (2) fits
+        the image much better. ``"reflect"`` learns from and matches their images, and says which
+        they are; answers are on the meshes as given. It needs oriented probes, or training shapes
+        so stiff that a similarity explains their correspondences. A body that is its own mirror
+        image stays as it is.
     max_iter : int, default=1000
         Most iterations of L-BFGS.
     tol : float, default=1e-4
@@ -193,6 +209,9 @@ class WeightedFunctionalMapLearner(CallbackSupportMixin, Versioned, BaseEstimato
     True
     """
 
+    # Of models that were saved before this was a parameter.
+    on_mirrored: str = "warn"
+
     matcher_: Matcher
     confidence_: Confidence | None
     record_: FitRecord
@@ -233,6 +252,7 @@ class WeightedFunctionalMapLearner(CallbackSupportMixin, Versioned, BaseEstimato
         confidence: str | Confidence | None = "cross-fit",
         reference: str = "first",
         on_invalid: str = "raise",
+        on_mirrored: str = "warn",
         max_iter: int = 1000,
         tol: float = 1e-4,
         memory: MemoryLike = None,
@@ -251,6 +271,7 @@ class WeightedFunctionalMapLearner(CallbackSupportMixin, Versioned, BaseEstimato
         self.confidence = confidence
         self.reference = reference
         self.on_invalid = on_invalid
+        self.on_mirrored = on_mirrored
         self.max_iter = max_iter
         self.tol = tol
         self.memory = memory
@@ -296,7 +317,7 @@ class WeightedFunctionalMapLearner(CallbackSupportMixin, Versioned, BaseEstimato
             If correspondences determine only a part of a functional map.
         OrientationWarning
             If the correspondence of a shape takes its left for right, as that of a mirrored mesh
-            does.
+            does; or if shapes were reflected.
         ConvergenceWarning
             If the search stopped before it converged.
         StabilityWarning
@@ -440,8 +461,9 @@ class WeightedFunctionalMapLearner(CallbackSupportMixin, Versioned, BaseEstimato
         Warns
         -----
         OrientationWarning
-            If a shape fits the reference much better as a mirror image. A mirrored body that is its
-            own mirror image cannot be told from a body, and is matched by its own left and right.
+            If a shape fits the reference much better as a mirror image, or was reflected for it. A
+            mirrored body that is its own mirror image cannot be told from a body, and is matched by
+            its own left and right.
         UnfamiliarShapeWarning
             If a shape is not like the training shapes: another kind of body, another resolution.
         """
@@ -600,6 +622,7 @@ class WeightedFunctionalMapLearner(CallbackSupportMixin, Versioned, BaseEstimato
             n_functions=self.n_functions,
             reference=self.reference,
             on_invalid=self.on_invalid,
+            on_mirrored=self.on_mirrored,
             options=learning_options(self),
             memory=self.memory,
             n_jobs=self.n_jobs,
@@ -634,17 +657,34 @@ class WeightedFunctionalMapLearner(CallbackSupportMixin, Versioned, BaseEstimato
 
     def _usable(self, X: Sequence[ProbedItem]) -> Usable:
         check_is_fitted(self)
-        return check_new_shapes(X, self.reference_, len(self.stable_basis_))
+        return self._of_one_side(check_new_shapes(X, self.reference_, len(self.stable_basis_)))
 
     def _scored(self, X: Sequence[ProbedItem], y: Sequence[Answer]) -> tuple[Usable, list[Any]]:
         check_is_fitted(self)
-        return check_scored(
+        usable, answers = check_scored(
             X, y, self.reference_, len(self.stable_basis_), skip=self.on_invalid == "skip"
         )
+        return self._of_one_side(usable), answers
 
-    def _solutions(self, shapes: Sequence[ProbedShape]) -> list[Solution]:
+    def _of_one_side(self, usable: Usable) -> Usable:
+        """Return the shapes with images of the mirrored ones in their place, if that is asked."""
+        if self.on_mirrored != "reflect":
+            return usable
+        mirrored = [is_mirrored(one) for one in self._solutions(usable.shapes, mirrored=True)]
+        called = map(describe, usable.indices, usable.shapes)
+        report(diagnose_reflected([who for who, yes in zip(called, mirrored, strict=True) if yes]))
+        return usable._replace(
+            shapes=[
+                mirror_image(shape) if yes else shape
+                for shape, yes in zip(usable.shapes, mirrored, strict=True)
+            ]
+        )
+
+    def _solutions(
+        self, shapes: Sequence[ProbedShape], *, mirrored: bool = False
+    ) -> list[Solution]:
         return map_shapes(
-            self.matcher_.solve,
+            partial(self.matcher_.solve, mirrored=mirrored),
             ((s,) for s in shapes),
             n_jobs=self.n_jobs,
             verbose=0,

@@ -6,21 +6,20 @@ from typing import NamedTuple, Self
 
 import numpy as np
 
-from skfmap._tools.types import Array, BoolArray, FloatArray, IntArray
+from skfmap._tools.types import Array, FloatArray, IntArray
 from skfmap.functional.fmap import MapEquation
 from skfmap.functional.learning import LearnedMaps
 from skfmap.functional.normalization import scale_by
 from skfmap.functional.regularization import penalty_of
 from skfmap.functional.residuals import residual_covariance, trusted_functions
+from skfmap.learner.mirrored import odd_probes
 from skfmap.learner.training_set import TrainingSet
 from skfmap.refinement import PointMatch, Refinement, match_points
 from skfmap.shapes import ProbedShape
 
-__all__ = ["MATCHINGS", "Matcher", "Settings", "Solution", "embedding_distance", "odd_probes"]
+__all__ = ["MATCHINGS", "Matcher", "Settings", "Solution", "embedding_distance"]
 
 MATCHINGS = ("soft", "cut")
-# Families whose names begin so change sign under a reflection.
-_ODD = "oriented"
 
 
 class Settings(NamedTuple):
@@ -198,11 +197,6 @@ class Matcher:
                 f"rematch_points; got {type(after).__name__}."
             )
         return before, after
-
-
-def odd_probes(shape: ProbedShape) -> BoolArray:
-    """Return which probe functions change sign under a reflection, shape (m,)."""
-    return np.array([category.startswith(_ODD) for category in shape.probe_categories])
 
 
 def embedding_distance(shape: ProbedShape, match: PointMatch) -> float:

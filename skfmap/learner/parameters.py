@@ -46,6 +46,7 @@ class Parameters(Protocol):
     confidence: str | Confidence | None
     reference: str
     on_invalid: str
+    on_mirrored: str
     max_iter: int
     tol: float
 
@@ -67,6 +68,7 @@ def check_parameters(given: Parameters) -> None:
     refinement_of(given.refine)
     confidence_of(given.confidence)
     check_choice(given.on_invalid, "on_invalid", ("raise", "skip"))
+    check_choice(given.on_mirrored, "on_mirrored", ("warn", "reflect"))
     if not isinstance(given.reference, str):
         raise ValueError(
             f"reference must be the name of a shape, or one of its words; got {given.reference!r}."

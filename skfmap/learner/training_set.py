@@ -16,6 +16,7 @@ from skfmap.ground_truth import KnownMap, check_landmarks, join_with_reference, 
 from skfmap.io import open_given
 from skfmap.learner.inputs import check_correspondences, check_shapes
 from skfmap.learner.medoid import medoid_index
+from skfmap.learner.mirrored import is_mirror_image, mirror_image
 from skfmap.shapes import Correspondence, JoinedPairs, ProbedShape, SkippedShape
 from skfmap.shapes.usable import Answer, ProbedItem, describe, skipped_message
 
@@ -84,7 +85,8 @@ class TrainingSet:
     truth_0 : Correspondence
         Where it lies on the template.
     shapes, truths : list of ProbedShape, list of Correspondence
-        The other shapes that can be used, and where they lie on the template.
+        The other shapes that can be used, and where they lie on the template. Of mirrored ones
+        their images, if that was asked.
     indices : ndarray of int
         Their indices in X.
     joins, known : list of JoinedPairs, list of KnownMap
@@ -129,6 +131,7 @@ class TrainingSet:
         n_functions: int,
         reference: str = "first",
         on_invalid: str = "raise",
+        on_mirrored: str = "warn",
         options: LearningOptions | None = None,
         memory: MemoryLike = None,
         n_jobs: int | None = None,
@@ -165,6 +168,11 @@ class TrainingSet:
             join_with_reference(t, s, truth_0, shape_0) for t, s in zip(truths, shapes, strict=True)
         ]
         known = known_maps(shapes, shape_0, joins, n_functions, memory=memory, n_jobs=n_jobs)
+        if on_mirrored == "reflect":  # known maps are those of the images too
+            shapes = [
+                mirror_image(shape) if is_mirror_image(shape, shape_0, join, one) else shape
+                for shape, join, one in zip(shapes, joins, known, strict=True)
+            ]
         return cls(
             reference=shape_0,
             reference_index=index,

@@ -28,6 +28,9 @@ class ProbedShape:
     recipe : tuple of str
         Parameters of the basis and of the families that the coefficients depend on. Shapes are
         matched only if they agree, as far as they are known.
+    reflected : bool
+        Whether this is the mirror image of the shape that was given. Its vertices have their
+        numbers, its coordinates are those of the image: the first one has changed its sign.
     """
 
     spectral: SpectralShape
@@ -35,6 +38,7 @@ class ProbedShape:
     probe_names: tuple[str, ...]
     probe_categories: tuple[str, ...]
     recipe: tuple[str, ...] = ()
+    reflected: bool = False
 
     def __repr__(self) -> str:
         """Return a line with name and counts."""

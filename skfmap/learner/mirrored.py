@@ -1,0 +1,151 @@
+"""Specimens that are mirror images of the others: how to find them, and how to reflect them."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from skfmap._tools.types import BoolArray, FloatArray, IntArray
+from skfmap.functional.similarity import left_by_similarities
+from skfmap.ground_truth import KnownMap
+from skfmap.shapes import (
+    GivenMesh,
+    JoinedPairs,
+    Mesh,
+    ProbedShape,
+    Prolongation,
+    SpectralShape,
+)
+
+__all__ = ["is_against", "is_mirror_image", "mirror_image", "odd_probes"]
+
+# Families whose names begin so change sign under a reflection, whatever the plane.
+_ODD = "oriented"
+# Families whose names begin so hold coordinates; under this reflection these change sign.
+_COORDINATES, _NEGATED = "coordinates", ("[x]", "[normal_x]")
+# The reflection: of the first coordinate, which runs from side to side in scanners' coordinates.
+_MIRROR = np.array([-1.0, 1.0, 1.0])
+
+# Correlation of oriented probes with their images under the known map; that of sound TOSCA shapes
+# is 0.3 to 0.9.
+_AGAINST = 0.1
+# What the best similarity leaves of the squares of paired points. Stiff kinds: at most 0.0060
+# between landmarks of any two of twenty mandibles, 0.0058 of eleven skulls; with a reflection
+# 0.0133 and more, and 3.6 times as much at least, although mandibles are nearly flat. Bodies that
+# bend cannot be told so: between cats it leaves 0.2, and with a reflection as little as 0.048
+# between people, 0.76 of what is left without one between four-legged animals.
+_STIFF, _TIMES = 0.02, 2.0
+
+
+def odd_probes(shape: ProbedShape) -> BoolArray:
+    """Return which probe functions change sign under any reflection, shape (m,)."""
+    return np.array([category.startswith(_ODD) for category in shape.probe_categories])
+
+
+def mirror_image(shape: ProbedShape) -> ProbedShape:
+    """Return the mirror image of a shape, with the vertex numbers of the shape.
+
+    The first coordinate is negated, and faces are wound the other way, so that they point outwards
+    again. Eigenfunctions stay, and so do probe functions but for those that tell sides. The image
+    of the image is the shape.
+
+    Parameters
+    ----------
+    shape : ProbedShape
+        A shape.
+
+    Returns
+    -------
+    ProbedShape
+        Its image, whose answers are on the mesh that the shape was given as.
+    """
+    return replace(
+        shape,
+        spectral=_image(shape.spectral),
+        probes=np.where(_changes_sign(shape), -shape.probes, shape.probes),
+        reflected=not shape.reflected,
+    )
+
+
+def is_mirror_image(
+    shape: ProbedShape, reference: ProbedShape, join: JoinedPairs, known: KnownMap
+) -> bool:
+    """Tell whether a training shape is the mirror image of what it should be.
+
+    There are two witnesses: oriented probes, which the known map takes to their opposites, and
+    space, where a similarity explains the pairs. Both have to be silent or say so, and one has to.
+    """
+    agreement = _agreement(shape, reference, known.C)
+    side = _side_in_space(shape, reference, join, known)
+    if side is None:
+        return agreement < -_AGAINST
+    return side < 0 and agreement < _AGAINST
+
+
+def is_against(
+    shape: ProbedShape, reference: ProbedShape, join: JoinedPairs, known: KnownMap
+) -> bool:
+    """Tell whether one of the two witnesses takes a training shape for a mirror image.
+
+    They contradict each other where a mesh is inside out.
+    """
+    if not _changes_sign(reference).any():
+        return False  # nothing that is learned from tells sides
+    side = _side_in_space(shape, reference, join, known)
+    return _agreement(shape, reference, known.C) < -_AGAINST or side == -1
+
+
+def _image(spectral: SpectralShape) -> SpectralShape:
+    mesh, places, given = spectral.mesh, spectral.prolongation, spectral.given
+    if given is None:
+        given = GivenMesh(mesh.name, mesh.n_vertices, mesh.n_faces, mesh.content_hash, mesh)
+    if places is not None:  # weights of the second and third corner, which change places
+        places = Prolongation(places.face, places.coordinates[:, ::-1])
+    return replace(
+        spectral,
+        mesh=Mesh(mesh.vertices * _MIRROR, mesh.faces[:, [0, 2, 1]], mesh.name),
+        prolongation=places,
+        given=given,
+    )
+
+
+def _changes_sign(shape: ProbedShape) -> BoolArray:
+    """Return which probe functions change sign in `mirror_image`."""
+    negated = [
+        category.startswith(_COORDINATES) and name.endswith(_NEGATED)
+        for name, category in zip(shape.probe_names, shape.probe_categories, strict=True)
+    ]
+    return odd_probes(shape) | np.array(negated)
+
+
+def _agreement(shape: ProbedShape, reference: ProbedShape, C: FloatArray) -> float:
+    """Return the correlation of a shape's oriented probes with those that the map carries.
+
+    0 where there are none.
+    """
+    odd = odd_probes(reference)
+    if not odd.any():
+        return 0.0
+    k = len(C)
+    own, carried = shape.probes[1:k, odd], (C @ reference.probes[:k])[1:, odd]
+    own, carried = (
+        values / np.maximum(np.linalg.norm(values, axis=0), 1e-300) for values in (own, carried)
+    )
+    return float((own * carried).sum() / odd.sum())
+
+
+def _side_in_space(
+    shape: ProbedShape, reference: ProbedShape, join: JoinedPairs, known: KnownMap
+) -> int | None:
+    """Return the sign of the determinant of the similarity that explains the pairs, or None."""
+    points = _places(shape.spectral, join.vertices_i)
+    points_0 = _places(reference.spectral, join.vertices_0)
+    left = left_by_similarities(points, points_0, known.areas)
+    if min(left) > _STIFF or max(left) < _TIMES * min(left):
+        return None
+    return 1 if left[0] < left[1] else -1
+
+
+def _places(spectral: SpectralShape, given: IntArray) -> FloatArray:
+    """Return where given vertices lie on the working mesh, shape (n, 3)."""
+    corners, weights = spectral.places_of(given)
+    return np.asarray(np.einsum("nc,ncd->nd", weights, spectral.vertices[corners]))
