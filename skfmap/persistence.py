@@ -32,6 +32,7 @@ TRUSTED_TYPES = (
     "scipy.sparse._csc.csc_array",
     "scipy.sparse._csr.csr_array",
     "skfmap.basis.SpectralBasis",
+    "skfmap.descriptors.coordinates.Coordinates",
     "skfmap.descriptors.curvature.DiffusedCurvature",
     "skfmap.descriptors.curvature.MeshSaliency",
     "skfmap.descriptors.oriented.OrientedProducts",

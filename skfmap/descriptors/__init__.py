@@ -1,5 +1,9 @@
-"""Probe functions: the paper's nine families, and the oriented one that tells left from right."""
+"""Probe functions: the paper's nine families, the oriented one that tells left from right, others.
 
+Others are your own functions, and the coordinates of aligned shapes.
+"""
+
+from skfmap.descriptors.coordinates import Coordinates
 from skfmap.descriptors.curvature import DiffusedCurvature, MeshSaliency
 from skfmap.descriptors.defaults import default_families, paper_families
 from skfmap.descriptors.family import ProbeFamily
@@ -9,6 +13,7 @@ from skfmap.descriptors.signatures import HeatKernelSignature, WaveKernelSignatu
 from skfmap.descriptors.transformer import DescriptorTransformer
 
 __all__ = [
+    "Coordinates",
     "DescriptorTransformer",
     "DiffusedCurvature",
     "FunctionProbes",

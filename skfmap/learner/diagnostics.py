@@ -143,7 +143,8 @@ def is_mirrored(solution: Solution) -> bool:
 
     It is False where there are none.
     """
-    return bool(solution.mirrored_residual < _MUCH_BETTER * solution.residual)
+    upright = solution.residual if solution.upright_residual is None else solution.upright_residual
+    return bool(solution.mirrored_residual < _MUCH_BETTER * upright)
 
 
 def _coverage(training: TrainingSet) -> list[Finding]:

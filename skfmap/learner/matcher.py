@@ -12,7 +12,7 @@ from skfmap.functional.learning import LearnedMaps
 from skfmap.functional.normalization import scale_by
 from skfmap.functional.regularization import penalty_of
 from skfmap.functional.residuals import residual_covariance, trusted_functions
-from skfmap.learner.mirrored import odd_probes
+from skfmap.learner.mirrored import odd_probes, spatial_probes
 from skfmap.learner.training_set import TrainingSet
 from skfmap.refinement import PointMatch, Refinement, match_points
 from skfmap.shapes import ProbedShape
@@ -36,11 +36,16 @@ class Settings(NamedTuple):
 
 
 class Solution(NamedTuple):
-    """Equation (2) for one shape: X_i(D), the value there, and that for the mirrored shape."""
+    """Equation (2) for one shape: X_i(D), the value there, and that for the mirrored shape.
+
+    Beside coordinates, which change by any reflection as it happens to lie, the mirrored shape is
+    compared with the shape without them: ``upright_residual`` is the value for the shape then.
+    """
 
     C: FloatArray
     residual: float
     mirrored_residual: float
+    upright_residual: float | None = None
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -143,7 +148,7 @@ class Matcher:
         """Solve equation (2) for a shape, and for its mirror image if asked.
 
         Mirroring turns the sign of oriented probes on the right-hand side, and nothing else: one
-        factorisation serves both.
+        factorisation serves both, but beside coordinates, which are left out.
 
         Parameters
         ----------
@@ -166,11 +171,15 @@ class Matcher:
         penalty = penalty_of(shape.spectral.evals[:k], spectral_0.evals[:k], alpha, regularizer)
         equation = MapEquation(scaled_0, penalty, self.weights)
         C = equation.solve(scaled_i)
-        image = np.nan
+        residual, upright, image = equation.objective(C, scaled_i), None, np.nan
         if mirrored and (odd := odd_probes(self.reference)).any():
+            if (spatial := spatial_probes(self.reference)).any():
+                kept = np.where(spatial, 0.0, self.weights)
+                equation = MapEquation(scaled_0, penalty, kept)
+                upright = equation.objective(equation.solve(scaled_i), scaled_i)
             turned = np.where(odd, -scaled_i, scaled_i)
             image = equation.objective(equation.solve(turned), turned)
-        return Solution(C, equation.objective(C, scaled_i), image)
+        return Solution(C, residual, image, upright)
 
     def match_points(self, shape: ProbedShape, C: FloatArray) -> tuple[PointMatch, PointMatch]:
         """Match the points of a shape under its learned map (section 4.2), and refine the match.

@@ -16,11 +16,11 @@ from skfmap.shapes import (
     SpectralShape,
 )
 
-__all__ = ["is_against", "is_mirror_image", "mirror_image", "odd_probes"]
+__all__ = ["is_against", "is_mirror_image", "mirror_image", "odd_probes", "spatial_probes"]
 
 # Families whose names begin so change sign under a reflection, whatever the plane.
 _ODD = "oriented"
-# Families whose names begin so hold coordinates; under this reflection these change sign.
+# Families whose names begin so hold coordinates; those that change sign under `mirror_image`.
 _COORDINATES, _NEGATED = "coordinates", ("[x]", "[normal_x]")
 # The reflection: of the first coordinate, which runs from side to side in scanners' coordinates.
 _MIRROR = np.array([-1.0, 1.0, 1.0])
@@ -39,6 +39,11 @@ _STIFF, _TIMES = 0.02, 2.0
 def odd_probes(shape: ProbedShape) -> BoolArray:
     """Return which probe functions change sign under any reflection, shape (m,)."""
     return np.array([category.startswith(_ODD) for category in shape.probe_categories])
+
+
+def spatial_probes(shape: ProbedShape) -> BoolArray:
+    """Return which probe functions are coordinates, shape (m,)."""
+    return np.array([category.startswith(_COORDINATES) for category in shape.probe_categories])
 
 
 def mirror_image(shape: ProbedShape) -> ProbedShape:
@@ -110,11 +115,8 @@ def _image(spectral: SpectralShape) -> SpectralShape:
 
 def _changes_sign(shape: ProbedShape) -> BoolArray:
     """Return which probe functions change sign in `mirror_image`."""
-    negated = [
-        category.startswith(_COORDINATES) and name.endswith(_NEGATED)
-        for name, category in zip(shape.probe_names, shape.probe_categories, strict=True)
-    ]
-    return odd_probes(shape) | np.array(negated)
+    negated = np.array([name.endswith(_NEGATED) for name in shape.probe_names])
+    return odd_probes(shape) | (spatial_probes(shape) & negated)
 
 
 def _agreement(shape: ProbedShape, reference: ProbedShape, C: FloatArray) -> float:
