@@ -1,5 +1,6 @@
 """Mirrored shapes are found out, in training and after it."""
 
+import pickle
 import warnings
 from copy import copy
 from dataclasses import replace
@@ -8,7 +9,10 @@ import numpy as np
 import pytest
 
 from skfmap import BridgedLearner, DescriptorTransformer, Mesh, SpectralBasis
+from skfmap.datasets import make_creatures
 from skfmap.exceptions import OrientationWarning
+from skfmap.learner.mirrored import mirror_image
+from skfmap.persistence import load_model, save_model
 
 
 @pytest.fixture(scope="module")
@@ -170,3 +174,47 @@ def test_a_mirrored_shape_goes_through_a_bridge_as_the_shape(
     with pytest.warns(OrientationWarning, match=r"were reflected: X\[0\]"):
         (p2p,) = learner.point_maps([mirrored[1]])
     np.testing.assert_array_equal(p2p, expected.p2p)
+
+
+def test_creatures_have_two_sides_that_are_alike_and_are_not_reflected(make_learner):
+    creatures = make_creatures(n_shapes=4, n_vertices=500)
+    shapes = DescriptorTransformer().transform(SpectralBasis(30).transform(creatures.meshes))
+    warn, reflect = (
+        make_learner(on_mirrored=word, confidence=None, memory=None).fit(
+            shapes[:3], creatures.correspondences[:3]
+        )
+        for word in ("warn", "reflect")
+    )
+    np.testing.assert_array_equal(warn.weights_, reflect.weights_)
+    np.testing.assert_array_equal(*(one.match(shapes[3:])[0].p2p for one in (warn, reflect)))
+
+
+# Thinned, so small a body has other curvatures than those learned from.
+@pytest.mark.filterwarnings("ignore::skfmap.exceptions.UnfamiliarShapeWarning")
+def test_a_mirrored_scan_that_is_thinned_is_answered_at_its_own_vertices(reflecting, collection):
+    spectral = SpectralBasis(30, max_vertices=500).transform(collection.meshes[4:5])
+    (shape,) = DescriptorTransformer().transform(spectral)
+    scan = replace(mirror_image(shape), reflected=False)
+    with pytest.warns(OrientationWarning, match=r"were reflected: X\[0\]"):
+        (match,) = reflecting.match([scan], interpolate="barycentric")
+    (expected,) = reflecting.match([shape], interpolate="barycentric")
+    assert len(match.p2p) == collection.meshes[4].n_vertices > shape.spectral.mesh.n_vertices
+    np.testing.assert_array_equal(match.p2p, expected.p2p)
+    np.testing.assert_array_equal(match.inverse, expected.inverse)
+    np.testing.assert_allclose(match.expected_error, expected.expected_error, rtol=1e-6)
+    assert abs(match.matrix - expected.matrix).max() < 1e-5
+
+
+def test_a_learner_that_reflects_is_saved_and_checked(reflecting, mirrored, make_learner, tmp_path):
+    pytest.importorskip("skops")
+    save_model(reflecting, tmp_path / "model.skops")
+    again = load_model(tmp_path / "model.skops")
+    assert again.on_mirrored == "reflect"
+    for one in (again, pickle.loads(pickle.dumps(reflecting))):
+        with pytest.warns(OrientationWarning, match="were reflected"):
+            (match,) = one.match(mirrored[1:])
+        with pytest.warns(OrientationWarning, match="were reflected"):
+            (expected,) = reflecting.match(mirrored[1:])
+        np.testing.assert_array_equal(match.p2p, expected.p2p)
+    with pytest.raises(ValueError, match="on_mirrored"):
+        make_learner(on_mirrored="turn").fit([], [])
