@@ -20,7 +20,8 @@ __all__ = ["is_against", "is_mirror_image", "mirror_image", "odd_probes", "spati
 
 # Families whose names begin so change sign under a reflection, whatever the plane.
 _ODD = "oriented"
-# Families whose names begin so hold coordinates; those that change sign under `mirror_image`.
+# Families whose names begin so hold coordinates; of these, the functions whose names end so change
+# sign under `mirror_image`.
 _COORDINATES, _NEGATED = "coordinates", ("[x]", "[normal_x]")
 # The reflection: of the first coordinate, which runs from side to side in scanners' coordinates.
 _MIRROR = np.array([-1.0, 1.0, 1.0])
@@ -31,8 +32,8 @@ _AGAINST = 0.1
 # What the best similarity leaves of the squares of paired points. Stiff kinds: at most 0.0060
 # between landmarks of any two of twenty mandibles, 0.0058 of eleven skulls; with a reflection
 # 0.0133 and more, and 3.6 times as much at least, although mandibles are nearly flat. Bodies that
-# bend cannot be told so: between cats it leaves 0.2, and with a reflection as little as 0.048
-# between people, 0.76 of what is left without one between four-legged animals.
+# bend cannot be told so: between cats the median is 0.2; with a reflection as little as 0.048 is
+# left between people, and between four-legged animals 0.76 of what is left without one.
 _STIFF, _TIMES = 0.02, 2.0
 
 
