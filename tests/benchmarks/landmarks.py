@@ -190,7 +190,7 @@ def carry(template, target):
     aligned, seconds = frame.apply(template.landmarks), time.perf_counter() - started
     patches = [move_with_patch(template, target, frame, at) for at in template.landmarks]
     carried = {"frame": frame, "aligned": aligned, "projected": project(aligned, target)}
-    carried["patches"] = project(np.array(patches), target)
+    carried["patches"] = np.array(patches)
     return carried | {"seconds": (seconds, time.perf_counter() - started)}
 
 
@@ -199,10 +199,10 @@ def first_template(carried, templates, target, step):
     return carried[templates[0].name, target.name][step]
 
 
-def vote(carried, templates, target, step, n_voters=None):
-    """Return the median of the landmarks that templates give after a step, on the surface."""
-    votes = [carried[t.name, target.name][step] for t in templates[:n_voters]]
-    return project(np.median(votes, axis=0), target)
+def vote(carried, templates, target, step="patches", n_voters=N_VOTERS, on_surface=False):
+    """Return the median of the landmarks that the first templates give after a step."""
+    voted = np.median([carried[t.name, target.name][step] for t in templates[:n_voters]], axis=0)
+    return project(voted, target) if on_surface else voted
 
 
 def vote_and_offset(carried, templates, target):
@@ -210,7 +210,7 @@ def vote_and_offset(carried, templates, target):
     first, offsets = templates[0], []
     for left_out in templates:
         others = [t for t in templates if t is not left_out]
-        off = left_out.landmarks - vote(carried, others, left_out, "patches", N_VOTERS)
+        off = left_out.landmarks - vote(carried, others, left_out)
         if left_out is not first:
             frame = carried[first.name, left_out.name]["frame"]
             off = off @ frame.rotation / frame.scale
@@ -220,21 +220,20 @@ def vote_and_offset(carried, templates, target):
     noise = np.var(offsets, axis=0, ddof=1).sum(axis=1) / n
     mean *= np.maximum(0, 1 - noise / (mean**2).sum(axis=1))[:, None]
     frame = carried[first.name, target.name]["frame"]
-    voted = vote(carried, templates, target, "patches", N_VOTERS)
-    return project(voted + frame.scale * mean @ frame.rotation.T, target)
+    moved = frame.scale * mean @ frame.rotation.T
+    return vote(carried, templates, target) + moved
 
 
-def coherent_point_drift(carried, templates, target, n=1000):
-    """Return the first template's landmarks after CPD: affine, then non-rigid, from ICP."""
-    from pycpd import AffineRegistration, DeformableRegistration  # noqa: PLC0415
+def coherent_point_drift(carried, templates, target, n=1000, sigma=0.1):
+    """Return the first template's landmarks after ICP and non-rigid CPD."""
+    from pycpd import DeformableRegistration  # noqa: PLC0415
 
     frame, onto = carried[templates[0].name, target.name]["frame"], target.cloud
     source, fixed = (c.points[spread(c.points, n)] for c in (templates[0].cloud, onto))
     moved = frame.apply(source), frame.apply(templates[0].landmarks), fixed
     source, at, fixed = ((points - onto.centre) / onto.size for points in moved)
-    affine = AffineRegistration(X=fixed, Y=source)
-    source, at = affine.register()[0], affine.transform_point_cloud(at)
-    drift = DeformableRegistration(X=fixed, Y=source)
+    # From a wider start, as pycpd's own, and from affine CPD, errors were larger.
+    drift = DeformableRegistration(X=fixed, Y=source, sigma2=sigma**2)
     drift.register()
     # pycpd's kernel at points that are not the source's.
     at = at + np.exp(-cdist(at, source, "sqeuclidean") / (2 * drift.beta**2)) @ drift.W
@@ -261,8 +260,9 @@ def answers(carried, with_malpaca):
     named = {
         "ICP": partial(first_template, carried, step="projected"),
         "ICP unproj.": partial(first_template, carried, step="aligned"),
-        "vote": partial(vote, carried, step="projected"),
-        "patch vote": partial(vote, carried, step="patches", n_voters=N_VOTERS),
+        "vote": partial(vote, carried, step="projected", n_voters=None, on_surface=True),
+        "patch vote": partial(vote, carried, on_surface=True),
+        "pv unproj.": partial(vote, carried),
         "+ offset": partial(vote_and_offset, carried),
     }
     if importlib.util.find_spec("pycpd"):
