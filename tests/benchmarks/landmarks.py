@@ -215,7 +215,7 @@ def vote_and_offset(carried, templates, target):
             frame = carried[first.name, left_out.name]["frame"]
             off = off @ frame.rotation / frame.scale
         offsets.append(off)
-    # Means in the frame of the first template, shrunk as James and Stein do.
+    # Means in the frame of the first template, less the share of their squares that is noise.
     mean, n = np.mean(offsets, axis=0), len(offsets)
     noise = np.var(offsets, axis=0, ddof=1).sum(axis=1) / n
     mean *= np.maximum(0, 1 - noise / (mean**2).sum(axis=1))[:, None]
