@@ -210,7 +210,7 @@ def vote_and_offset(carried, templates, target):
     first, offsets = templates[0], []
     for left_out in templates:
         others = [t for t in templates if t is not left_out]
-        off = left_out.landmarks - vote(carried, others, left_out)
+        off = left_out.landmarks - vote(carried, others, left_out, on_surface=True)
         if left_out is not first:
             frame = carried[first.name, left_out.name]["frame"]
             off = off @ frame.rotation / frame.scale
@@ -221,7 +221,7 @@ def vote_and_offset(carried, templates, target):
     mean *= np.maximum(0, 1 - noise / (mean**2).sum(axis=1))[:, None]
     frame = carried[first.name, target.name]["frame"]
     moved = frame.scale * mean @ frame.rotation.T
-    return vote(carried, templates, target) + moved
+    return vote(carried, templates, target, on_surface=True) + moved
 
 
 def coherent_point_drift(carried, templates, target, n=1000, sigma=0.1):
