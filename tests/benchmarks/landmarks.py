@@ -1,7 +1,6 @@
 """Landmarks on bones: what alignment alone gives, for other answers to be compared with.
 
-    python tests/benchmarks/landmarks.py mandibles
-    python tests/benchmarks/landmarks.py skulls
+    python tests/benchmarks/landmarks.py mandibles|skulls
 
 Needs the data folder (``SKFMAP_DATA``, else ``../shared/data`` beside the checkout). Of the first
 twenty mandibles in order of name, the first ten are templates and the rest is scored. ``--final``
