@@ -7,8 +7,14 @@ from skfmap._version import __version__
 from skfmap.basis import SpectralBasis
 from skfmap.descriptors import DescriptorTransformer
 from skfmap.health import check_mesh, repair_mesh
-from skfmap.learner import BridgedLearner, WeightedFunctionalMapLearner, functional_maps, match
-from skfmap.shapes import Correspondence, Match, Mesh, ProbedShape, SpectralShape
+from skfmap.learner import (
+    BridgedLearner,
+    WeightedFunctionalMapLearner,
+    functional_maps,
+    match,
+    register,
+)
+from skfmap.shapes import Correspondence, Match, Mesh, ProbedShape, Registered, SpectralShape
 
 __all__ = [
     "BridgedLearner",
@@ -17,6 +23,7 @@ __all__ = [
     "Match",
     "Mesh",
     "ProbedShape",
+    "Registered",
     "SpectralBasis",
     "SpectralShape",
     "WeightedFunctionalMapLearner",
@@ -24,6 +31,7 @@ __all__ = [
     "check_mesh",
     "functional_maps",
     "match",
+    "register",
     "repair_mesh",
 ]
 
@@ -44,6 +52,7 @@ _SUBMODULES = (
     "persistence",
     "plotting",
     "refinement",
+    "registration",
     "report",
     "shapes",
 )

@@ -2,7 +2,7 @@
 
 from typing import Any, Self
 
-from sklearn.base import BaseEstimator
+from sklearn.base import BaseEstimator, clone
 
 __all__ = ["Part"]
 
@@ -33,3 +33,24 @@ class Part(BaseEstimator):
             Itself.
         """
         return self
+
+    def fit_fold(self, training: Any, matcher: Any) -> Self:
+        """Return what is learned from some of the shapes that `fit` has learned from.
+
+        A fitted clone here. Override it where what all shapes chose need not be chosen anew.
+
+        Parameters
+        ----------
+        training : TrainingSet
+            Training shapes of a fold.
+        matcher : Matcher
+            What was learned from them.
+
+        Returns
+        -------
+        Part
+            Another part; this one is not changed.
+        """
+        other: Self = clone(self)
+        other.fit(training, matcher)
+        return other

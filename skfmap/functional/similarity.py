@@ -1,10 +1,69 @@
 """Similarities between paired points, and whether they need a reflection."""
 
+from typing import NamedTuple
+
 import numpy as np
 
 from skfmap._tools.types import FloatArray
 
-__all__ = ["left_by_similarities"]
+__all__ = ["Similarity", "best_similarity", "left_by_similarities"]
+
+
+class Similarity(NamedTuple):
+    """A scale, a rotation and a shift: points x, as rows, go to ``scale * x @ rotation + shift``.
+
+    Attributes
+    ----------
+    scale : float
+        Above 0.
+    rotation : ndarray of shape (3, 3)
+        Proper.
+    shift : ndarray of shape (3,)
+        Where the origin goes.
+    """
+
+    scale: float
+    rotation: FloatArray
+    shift: FloatArray
+
+    def apply(self, points: FloatArray) -> FloatArray:
+        """Return where points go, shape (n, 3)."""
+        return np.asarray(self.scale * points @ self.rotation + self.shift)
+
+
+def best_similarity(points: FloatArray, onto: FloatArray, weights: FloatArray) -> Similarity:
+    """Return the similarity that takes points nearest to others (Umeyama 1991).
+
+    Parameters
+    ----------
+    points, onto : ndarray of shape (n, 3)
+        Paired points; the first are moved.
+    weights : ndarray of shape (n,)
+        How much each pair counts; not all of them 0.
+
+    Returns
+    -------
+    Similarity
+        Without a reflection, of least weighted sum of squares.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from skfmap.functional.similarity import best_similarity
+    >>> points = np.array([[0.0, 0, 0], [1, 0, 0], [0, 2, 0], [0, 0, 3]])
+    >>> found = best_similarity(points, 2 * points[:, [1, 2, 0]] + 1, np.ones(4))
+    >>> round(found.scale, 6), np.round(found.shift, 6).tolist()
+    (2.0, [1.0, 1.0, 1.0])
+    """
+    share = weights / weights.sum()
+    centre, centre_onto = share @ points, share @ onto
+    a, b = points - centre, onto - centre_onto
+    U, s, Vt = np.linalg.svd((a * share[:, None]).T @ b)
+    signs = np.array([1.0, 1.0, np.sign(np.linalg.det(U @ Vt))])
+    rotation = (U * signs) @ Vt
+    size = max(float(share @ np.square(a).sum(axis=1)), 1e-300)
+    scale = max(float(s @ signs) / size, 1e-12)
+    return Similarity(scale, rotation, centre_onto - scale * centre @ rotation)
 
 
 def left_by_similarities(

@@ -14,7 +14,6 @@ from skfmap.learner.error_model import ErrorModel, fit_error_model
 from skfmap.learner.familiarity import is_familiar
 from skfmap.learner.matcher import Matcher, Solution, embedding_distance
 from skfmap.learner.observation import Observation, Watch, observe, watch_reference
-from skfmap.learner.parts import fit_part
 from skfmap.learner.signs import vertex_signs
 from skfmap.learner.training_set import TrainingSet
 from skfmap.refinement import PointMatch
@@ -261,4 +260,6 @@ def _learned_from(training: TrainingSet, whole: Matcher) -> Matcher:
     matcher = Matcher.from_learned(
         training, learned, matching=settings.matching, n_stable=settings.n_stable
     )
-    return replace(matcher, refinement=fit_part(whole.refinement, training, matcher))
+    if whole.refinement is None:
+        return matcher
+    return replace(matcher, refinement=whole.refinement.fit_fold(training, matcher))

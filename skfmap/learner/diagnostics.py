@@ -25,6 +25,7 @@ from skfmap.ground_truth import coverage_messages
 from skfmap.learner.matcher import Solution
 from skfmap.learner.mirrored import is_against
 from skfmap.learner.training_set import TrainingSet
+from skfmap.shapes import Registered
 from skfmap.shapes.usable import Usable, describe
 
 __all__ = [
@@ -32,6 +33,7 @@ __all__ = [
     "diagnose",
     "diagnose_new_shapes",
     "diagnose_reflected",
+    "diagnose_registered",
     "is_mirrored",
     "report",
 ]
@@ -136,6 +138,28 @@ def diagnose_reflected(called: Sequence[str]) -> list[Finding]:
         "meant, give on_mirrored='warn'."
     )
     return [Finding(OrientationWarning, message)] if called else []
+
+
+def diagnose_registered(usable: Usable, laid: Sequence[Registered]) -> list[Finding]:
+    """Return which shapes the reference does not fit, and how that shows."""
+    told = ", ".join(
+        f"{describe(i, shape)} ({_told(one)})"
+        for i, shape, one in zip(usable.indices, usable.shapes, laid, strict=True)
+        if not one.fits
+    )
+    message = (
+        f"The reference does not fit these shapes as it fits training shapes: {told}. Do not use "
+        "the meshes that were laid onto them. Is it another kind of body, a part of one, or was it "
+        "matched wrongly?"
+    )
+    return [Finding(UnfamiliarShapeWarning, message)] if told else []
+
+
+def _told(one: Registered) -> str:
+    return (
+        f"{one.off:.0%} of the reference off the shape, {one.uncovered:.0%} of the shape off the "
+        f"reference, {one.stretched:.0%} stretched"
+    )
 
 
 def is_mirrored(solution: Solution) -> bool:

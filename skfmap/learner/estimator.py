@@ -29,12 +29,14 @@ from skfmap.learner.diagnostics import (
     diagnose,
     diagnose_new_shapes,
     diagnose_reflected,
+    diagnose_registered,
     is_mirrored,
     report,
 )
 from skfmap.learner.error_model import ErrorModel
 from skfmap.learner.given_answers import given_reference
 from skfmap.learner.inputs import check_new_shapes, check_scored
+from skfmap.learner.laid_out import registered, unregistered
 from skfmap.learner.legacy import upgraded
 from skfmap.learner.matcher import Matcher, Solution
 from skfmap.learner.mirrored import mirror_image
@@ -52,7 +54,8 @@ from skfmap.learner.parts import check_part_is_object, fit_part
 from skfmap.learner.scoring import score_point_maps
 from skfmap.learner.training_set import FitRecord, TrainingSet, Weighting
 from skfmap.refinement import Refinement
-from skfmap.shapes import Correspondence, Match, ProbedShape
+from skfmap.registration import Registration
+from skfmap.shapes import Correspondence, Match, ProbedShape, Registered
 from skfmap.shapes.usable import Answer, ProbedItem, Usable, describe, put_back
 
 __all__ = ["WeightedFunctionalMapLearner"]
@@ -98,7 +101,7 @@ class WeightedFunctionalMapLearner(CallbackSupportMixin, Versioned, BaseEstimato
     matching : {"soft", "cut"}, default="soft"
         Points are matched in all stable functions, each weighted by how far it puts the points of
         the training shapes from where they belong, or in the first p alone.
-    refine : {"bijective-zoomout", "icp", "zoomout"}, Refinement, None, default="bijective-zoomout"
+    refine : {"bijective-zoomout", "register", "icp", "zoomout"}, Refinement or None
         How point maps are refined: a word, or the object that it stands for (`skfmap.refinement`),
         whose parameters can then be searched as ``refine__step``. ``"bijective-zoomout"`` is the
         best by far: maps of growing size, up to all eigenfunctions that `SpectralBasis` holds, each
@@ -480,6 +483,44 @@ class WeightedFunctionalMapLearner(CallbackSupportMixin, Versioned, BaseEstimato
             usable,
             lambda skipped: no_match(skipped, self.matcher_, assessed=assessed),
         )
+
+    def register(self, X: Sequence[ProbedItem]) -> list[Registered]:
+        """Lay the reference's mesh onto each shape.
+
+        Parameters
+        ----------
+        X : sequence of ProbedShape
+            New shapes.
+
+        Returns
+        -------
+        list of Registered
+            Vertices of the reference's mesh as it was given, on each shape as it was given.
+
+        Raises
+        ------
+        ValueError
+            If the learner was fitted with another refinement than ``"register"``.
+
+        Warns
+        -----
+        UnfamiliarShapeWarning
+            If the reference does not fit a shape: another kind of body, or a part of one.
+        """
+        usable = self._usable(X)
+        registration = self.refine_
+        if not isinstance(registration, Registration):
+            raise ValueError(
+                f"register needs a learner that was fitted with refine='register'; here refine is "
+                f"{self.refine!r}. Set it and fit again."
+            )
+        target = given_reference(self.reference_, [self.reference_])
+        arguments = ((self.matcher_, registration, shape, target) for shape in usable.shapes)
+        laid = map_shapes(
+            registered, arguments, n_jobs=self.n_jobs, verbose=self.verbose, prefer="threads"
+        )
+        report(diagnose_registered(usable, laid))
+        return put_back(laid, usable, lambda skipped: unregistered(skipped, target))
 
     def point_maps(
         self,

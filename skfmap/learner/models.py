@@ -8,9 +8,9 @@ import numpy as np
 from skfmap._tools.types import FloatArray, Model
 from skfmap._tools.unwrap import learner_and_shapes
 from skfmap.refinement import Refinement
-from skfmap.shapes import Match
+from skfmap.shapes import Match, Registered
 
-__all__ = ["functional_maps", "match"]
+__all__ = ["functional_maps", "match", "register"]
 
 
 def match(
@@ -38,6 +38,46 @@ def match(
     """
     learner, shapes = learner_and_shapes(model, X)
     return list(learner.match(shapes, refine=refine, interpolate=interpolate))
+
+
+def register(model: Model, X: Sequence[Any]) -> list[Registered]:
+    """Lay the reference's mesh onto shapes, with any model that was fitted to do so.
+
+    Parameters
+    ----------
+    model : WeightedFunctionalMapLearner, Pipeline or fitted search
+        The model; of its learner, ``refine`` is ``"register"`` or a `Registration`.
+    X : sequence
+        What the model takes: meshes for a pipeline that begins with `SpectralBasis`.
+
+    Returns
+    -------
+    list of Registered
+        Vertices of the reference's mesh on each shape, and how well they lie.
+
+    Examples
+    --------
+    >>> from sklearn.pipeline import make_pipeline
+    >>> import skfmap
+    >>> from skfmap.datasets import make_creatures
+    >>> creatures = make_creatures(n_shapes=4, n_vertices=500)
+    >>> model = make_pipeline(
+    ...     skfmap.SpectralBasis(n_components=30),
+    ...     skfmap.DescriptorTransformer(),
+    ...     skfmap.WeightedFunctionalMapLearner(n_functions=20, refine="register"),
+    ... )
+    >>> model = model.fit(creatures.meshes[:3], creatures.correspondences[:3])
+    >>> laid, = skfmap.register(model, creatures.meshes[3:])
+    >>> laid.vertices.shape == creatures.meshes[0].vertices.shape
+    True
+    """
+    learner, shapes = learner_and_shapes(model, X)
+    if not hasattr(learner, "register"):
+        raise TypeError(
+            f"{type(learner).__name__} lays no meshes onto shapes; fit its learner by itself, with "
+            "refine='register'."
+        )
+    return list(learner.register(shapes))
 
 
 def functional_maps(model: Model, X: Sequence[Any]) -> FloatArray:

@@ -14,6 +14,7 @@ from skfmap.learner.matcher import MATCHINGS, Matcher
 from skfmap.learner.parts import make_part, same_part
 from skfmap.learner.training_set import LearningOptions, Weighting
 from skfmap.refinement import REFINEMENTS, Refinement
+from skfmap.registration import Registration
 
 __all__ = [
     "WORDS",
@@ -26,8 +27,9 @@ __all__ = [
     "refinement_of",
 ]
 
+_REFINEMENTS: dict[str, type[Refinement]] = {**REFINEMENTS, "register": Registration}
 _CONFIDENCES: dict[str, type[Confidence]] = {"cross-fit": CrossFitConfidence}
-WORDS: dict[str, dict[str, type[Any]]] = {"refine": REFINEMENTS, "confidence": _CONFIDENCES}
+WORDS: dict[str, dict[str, type[Any]]] = {"refine": _REFINEMENTS, "confidence": _CONFIDENCES}
 """What the words of parameters that take a part stand for."""
 
 
@@ -86,7 +88,7 @@ def learning_options(given: Parameters) -> LearningOptions:
 
 def refinement_of(refine: str | Refinement | None) -> Refinement | None:
     """Return the refinement that ``refine`` stands for, unfitted."""
-    return make_part(refine, "refine", REFINEMENTS, Refinement)
+    return make_part(refine, "refine", _REFINEMENTS, Refinement)
 
 
 def confidence_of(confidence: str | Confidence | None) -> Confidence | None:

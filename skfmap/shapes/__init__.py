@@ -9,6 +9,7 @@ from skfmap.shapes.match import Match
 from skfmap.shapes.mesh import Mesh
 from skfmap.shapes.probed_shape import ProbedShape
 from skfmap.shapes.prolongation import Prolongation
+from skfmap.shapes.registered import Registered
 from skfmap.shapes.skipped_shape import SkippedShape
 from skfmap.shapes.spectral_shape import SpectralShape
 
@@ -20,6 +21,7 @@ __all__ = [
     "Mesh",
     "ProbedShape",
     "Prolongation",
+    "Registered",
     "SkippedShape",
     "SpectralShape",
 ]

@@ -1,0 +1,134 @@
+"""Surfaces that bend freely and resist stretching: as rigid as possible."""
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Self
+
+import igl
+import numpy as np
+import scipy.sparse as sp
+
+from skfmap._tools.types import FloatArray, IntArray, SparseMatrix
+
+__all__ = ["ElasticSurface", "nearest_rotations"]
+
+# Cotangents below that are raised to it: edges of obtuse triangles would push instead of pull.
+_LEAST_COTANGENT = 1e-3
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class ElasticSurface:
+    """The edges of a mesh at rest (Sorkine, Alexa 2007).
+
+    The energy of other coordinates is the weighted sum of squares by which edges differ from those
+    at rest, once these are turned by the rotations at their two ends, averaged. The sum is the same
+    for all turned and shifted surfaces.
+
+    Attributes
+    ----------
+    edges : ndarray of int, shape (n_edges, 2)
+        Vertices at the ends.
+    weights : ndarray of shape (n_edges,)
+        Mean cotangents, raised to 0.001 at least.
+    vectors : ndarray of shape (n_edges, 3)
+        From the second end to the first, at rest.
+    n_vertices : int
+        Number of vertices.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from skfmap.geometry.elasticity import ElasticSurface
+    >>> from skfmap.geometry.sphere import subdivided_octahedron
+    >>> vertices, faces = subdivided_octahedron(2)
+    >>> turned = vertices[:, [1, 2, 0]] + 5.0
+    >>> bool(ElasticSurface.at_rest(vertices, faces).strains(turned).max() < 1e-12)
+    True
+    """
+
+    edges: IntArray
+    weights: FloatArray
+    vectors: FloatArray
+    n_vertices: int
+
+    @classmethod
+    def at_rest(cls, vertices: FloatArray, faces: IntArray) -> Self:
+        """Return the surface that is at rest as a mesh stands."""
+        laplacian = sp.triu(igl.cotmatrix(vertices, faces), k=1).tocoo()
+        edges = np.stack(laplacian.coords, axis=1).astype(np.int64)
+        weights = np.maximum(laplacian.data, _LEAST_COTANGENT)
+        return cls(edges, weights, vertices[edges[:, 0]] - vertices[edges[:, 1]], len(vertices))
+
+    def __getstate__(self) -> dict[str, object]:
+        """Return what makes it, without what can be made again."""
+        names = ("edges", "weights", "vectors", "n_vertices")
+        return {name: getattr(self, name) for name in names}
+
+    def with_vectors(self, vectors: FloatArray) -> Self:
+        """Return the surface with other edges at rest."""
+        other = replace(self, vectors=vectors)
+        # What does not depend on them is not made again.
+        other.__dict__.update(
+            differences=self.differences, ends=self.ends, stiffness=self.stiffness
+        )
+        return other
+
+    @cached_property
+    def differences(self) -> SparseMatrix:
+        """What takes values at vertices to their differences along edges."""
+        n, rows = len(self.edges), np.arange(len(self.edges))
+        signs = np.repeat([1.0, -1.0], n)
+        shape = (n, self.n_vertices)
+        return sp.csr_array((signs, (np.tile(rows, 2), self.edges.T.ravel())), shape=shape)
+
+    @cached_property
+    def ends(self) -> SparseMatrix:
+        """What sums values over the edges at each vertex, shape (n_vertices, n_edges)."""
+        return sp.csr_array(abs(self.differences.T))
+
+    @cached_property
+    def stiffness(self) -> SparseMatrix:
+        """The matrix of the energy for given rotations, shape (n_vertices, n_vertices)."""
+        return (self.differences.T @ sp.diags_array(self.weights) @ self.differences).tocsc()
+
+    def along_edges(self, vertices: FloatArray) -> FloatArray:
+        """Return the edges of other coordinates, shape (n_edges, 3)."""
+        return vertices[self.edges[:, 0]] - vertices[self.edges[:, 1]]
+
+    def rotations(self, vertices: FloatArray) -> FloatArray:
+        """Return the rotations that take the edges around each vertex best from rest, (n, 3, 3)."""
+        weighted = self.weights[:, None] * self.along_edges(vertices)
+        products = weighted[:, :, None] * self.vectors[:, None, :]
+        sums = np.asarray(self.ends @ products.reshape(-1, 9))
+        return nearest_rotations(sums.reshape(-1, 3, 3))
+
+    def turned(self, rotations: FloatArray) -> FloatArray:
+        """Return the right-hand side that goes with ``stiffness``, shape (n_vertices, 3)."""
+        vectors = np.einsum("eab,eb->ea", self._at_edges(rotations), self.vectors)
+        return np.asarray(self.differences.T @ (self.weights[:, None] * vectors))
+
+    def seen_from_rest(self, vertices: FloatArray) -> FloatArray:
+        """Return the edges of other coordinates turned back, shape (n_edges, 3).
+
+        They are those at rest, but for what the surface is stretched and sheared by.
+        """
+        turns = self._at_edges(self.rotations(vertices))
+        return np.asarray(np.einsum("eba,eb->ea", turns, self.along_edges(vertices)))
+
+    def strains(self, vertices: FloatArray) -> FloatArray:
+        """Return by how much edges are longer or shorter than at rest, as absolute logarithms."""
+        now, before = (
+            np.linalg.norm(vectors, axis=1)
+            for vectors in (self.along_edges(vertices), self.vectors)
+        )
+        return np.asarray(np.abs(np.log(np.maximum(now, 1e-12) / np.maximum(before, 1e-12))))
+
+    def _at_edges(self, rotations: FloatArray) -> FloatArray:
+        return np.asarray((rotations[self.edges[:, 0]] + rotations[self.edges[:, 1]]) / 2)
+
+
+def nearest_rotations(matrices: FloatArray) -> FloatArray:
+    """Return the proper rotations nearest to matrices, both of shape (n, 3, 3)."""
+    stacked = np.ascontiguousarray(matrices.transpose(1, 0, 2).reshape(-1, 3))
+    found = igl.fit_rotations(stacked).reshape(3, -1, 3)
+    return np.ascontiguousarray(found.transpose(1, 2, 0))

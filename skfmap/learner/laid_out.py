@@ -1,0 +1,125 @@
+"""The reference's mesh as it was given, laid onto shapes as they were given."""
+
+import numpy as np
+from scipy.spatial import KDTree
+
+from skfmap._tools.types import FloatArray, IntArray
+from skfmap.geometry.closest import ClosestPoints
+from skfmap.geometry.elasticity import ElasticSurface, nearest_rotations
+from skfmap.geometry.faults import sound_faces
+from skfmap.geometry.geodesics import mean_edge_length
+from skfmap.geometry.normals import vertex_normals
+from skfmap.io import open_given
+from skfmap.learner.given_answers import GivenReference
+from skfmap.learner.matcher import Matcher
+from skfmap.refinement import match_points
+from skfmap.registration import Registration
+from skfmap.shapes import Mesh, ProbedShape, Registered, SkippedShape, SpectralShape
+
+__all__ = ["registered", "unregistered"]
+
+# Cosine of the angle within which normals agree: 60 degrees.
+_AGREES = 0.5
+
+
+def registered(
+    matcher: Matcher, registration: Registration, shape: ProbedShape, target: GivenReference
+) -> Registered:
+    """Return the given mesh of the reference laid onto one shape.
+
+    Parameters
+    ----------
+    matcher, registration : Matcher, Registration
+        What was learned.
+    shape : ProbedShape
+        S_i.
+    target : GivenReference
+        The given mesh of S_0.
+    """
+    spectral, C = shape.spectral, matcher.solve(shape).C
+    before = match_points(spectral, matcher.reference.spectral, C, matcher.functions)
+    laid = registration.lay(matcher, spectral, before)
+    vertices = _with_detail(target, laid.vertices) * np.sqrt(spectral.area)
+    if shape.reflected:
+        vertices = vertices * [-1.0, 1.0, 1.0]
+    surface = ClosestPoints(*_given(spectral))
+    faces = _faces(target)
+    if not (spectral.keeps_vertices and target.shape.keeps_vertices):
+        reach = mean_edge_length(laid.vertices, target.shape.mesh.faces) * np.sqrt(spectral.area)
+        vertices = _onto(surface, vertices, faces, reach, inwards=shape.reflected)
+    return Registered(
+        vertices=vertices,
+        faces=faces,
+        distance=surface.of(vertices).distances,
+        n_flipped=laid.n_flipped,
+        fits=laid.fits,
+        name=shape.name,
+        reference_name=matcher.reference.name,
+        **laid.quality._asdict(),
+    )
+
+
+def unregistered(shape: SkippedShape, target: GivenReference) -> Registered:
+    """Return the answer for a shape that cannot be used."""
+    n_0, nan = target.shape.n_given, float("nan")
+    return Registered(
+        vertices=np.full((n_0, 3), nan),
+        faces=_faces(target),
+        distance=np.full(n_0, nan),
+        n_flipped=0,
+        off=nan,
+        uncovered=nan,
+        stretched=nan,
+        fits=False,
+        name=shape.name,
+        reference_name=target.shape.name,
+    )
+
+
+def _with_detail(target: GivenReference, laid: FloatArray) -> FloatArray:
+    """Return where the given vertices go as the working ones do, at unit area.
+
+    What they have beyond the working mesh turns with it; pieces that were left out follow the
+    nearest vertex.
+    """
+    spectral_0 = target.shape
+    if spectral_0.prolongation is None:
+        return laid
+    working, given = spectral_0.vertices, target.arrays[0] / np.sqrt(spectral_0.area)
+    turns = ElasticSurface.at_rest(working, spectral_0.mesh.faces).rotations(laid)
+    columns = np.hstack([working, laid, turns.reshape(-1, 9)])
+    carried, lost = spectral_0.prolong(columns), ~spectral_0.prolongation.placed
+    if lost.any():
+        finite = lost & np.isfinite(given).all(axis=1)
+        carried[finite] = columns[KDTree(working).query(given[finite])[1]]
+        lost &= ~finite
+    carried[lost] = columns[0]  # vertices without coordinates
+    rotations = nearest_rotations(carried[:, 6:].reshape(-1, 3, 3))
+    beyond = np.where(lost[:, None], 0.0, np.nan_to_num(given - carried[:, :3]))
+    return np.asarray(carried[:, 3:6] + np.einsum("nab,nb->na", rotations, beyond))
+
+
+def _onto(
+    surface: ClosestPoints, vertices: FloatArray, faces: IntArray, reach: float, *, inwards: bool
+) -> FloatArray:
+    """Return the vertices on the surface, where it is near and its normals agree."""
+    near, normals = surface.of(vertices), vertex_normals(vertices, faces)
+    if inwards:
+        normals = -normals
+    agree = np.einsum("na,na->n", normals, near.normals) > _AGREES
+    moved = agree & (near.distances < reach) & ~near.on_rim
+    return np.where(moved[:, None], near.points, vertices)
+
+
+def _given(spectral: SpectralShape) -> tuple[FloatArray, IntArray]:
+    """Return vertices and sound faces of the mesh that a shape was given as."""
+    mesh = spectral.mesh if spectral.given is None else open_given(spectral.given)
+    vertices, faces = (mesh.vertices, mesh.faces) if isinstance(mesh, Mesh) else mesh
+    faces = faces[sound_faces(vertices, faces)]
+    used, back = np.unique(faces, return_inverse=True)
+    return vertices[used], back.reshape(-1, 3)
+
+
+def _faces(target: GivenReference) -> IntArray:
+    mesh = target.shape.mesh if target.shape.given is None else open_given(target.shape.given)
+    return mesh.faces if isinstance(mesh, Mesh) else mesh[1]

@@ -1,0 +1,477 @@
+"""The refinement that lays the reference onto each shape, in space."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any, NamedTuple, Self
+from weakref import WeakKeyDictionary
+
+import numpy as np
+import scipy.sparse as sp
+from sklearn.base import clone
+
+from skfmap._tools.caching import hash_of_arrays
+from skfmap._tools.parallel import map_shapes, threads_within
+from skfmap._tools.types import FloatArray
+from skfmap._tools.validation import check_choice, check_number
+from skfmap.functional.neighbours import nearest_both
+from skfmap.functional.refinement import map_from_point_maps
+from skfmap.functional.similarity import Similarity, best_similarity, left_by_similarities
+from skfmap.geometry.closest import ClosestPoints
+from skfmap.geometry.normals import vertex_normals
+from skfmap.refinement import REFINEMENTS, Learned, PointMatch, Refinement
+from skfmap.registration.alignment import align, principal_axes
+from skfmap.registration.deformation import Deformation
+from skfmap.registration.laying import Anchors, flipped_faces, lay, lay_on_points, unfold
+from skfmap.registration.quality import Limits, Quality, assess
+from skfmap.shapes import SpectralShape
+
+__all__ = ["Laid", "Registration"]
+
+# Stiffnesses that training shapes choose among, beside a mean of 1 with which the surface draws.
+_STIFFNESSES = (30.0, 3.0, 0.3, 0.03)
+# Stiffness at which the reference is laid onto training shapes, whose pairs are known.
+_OF_TRAINING = 0.3
+# How strongly known pairs draw where there are few of them, beside 1 for the surface at a vertex;
+# many pairs draw as much as the surface does together. On mandibles with 13 landmarks, 10 rather
+# than 1 brings errors from 0.288 to 0.256 mm.
+_FEW_PAIRS = 10.0
+# Training shapes that are left out in turn for the choice, at most.
+_VALIDATED = 6
+# What similarities leave, as a share of squares, of the known pairs of stiff kinds: at most 0.006
+# between any two of 20 mandibles or 11 skulls; of cats and bodies 0.1 and more for most.
+_STIFF = 0.02
+# How strongly a match draws beside known pairs, which draw as much as the surface does.
+_MATCHED = 0.1
+# How far apart opposite normals are, in mean edges.
+_NORMALS = 4.0
+
+
+class Laid(NamedTuple):
+    """The reference laid onto a shape of unit area.
+
+    Attributes
+    ----------
+    vertices : ndarray of shape (n_vertices_0, 3)
+        Of the reference's working mesh.
+    n_flipped : int
+        Faces that are folded over.
+    quality : Quality
+        How well they lie.
+    fits : bool
+        Whether that is like training shapes.
+    """
+
+    vertices: FloatArray
+    n_flipped: int
+    quality: Quality
+    fits: bool
+
+
+class Registration(Refinement):
+    """Lay the reference's mesh onto each shape, and take points from there.
+
+    From a match, or where shapes are stiff from a similarity that space tells, the reference is
+    deformed as training shapes deform, and drawn to the closest points of the surface whose normals
+    agree, while it gets softer. The learner's word for it is ``refine="register"``;
+    `skfmap.register` returns the meshes.
+
+    Parameters
+    ----------
+    start : {"bijective-zoomout", "icp", "zoomout"}, Refinement or None, default="bijective-zoomout"
+        The match that it begins with. None: the one that was learned.
+    deformation : {"learned", "as-rigid-as-possible"}, default="learned"
+        What is at rest: the mean and the principal components of how training shapes are stretched,
+        whatever their pose, or the reference alone.
+    stiffness : float or "auto", default="auto"
+        How much the mesh resists, in the end, beside a mean of 1 with which the surface draws each
+        vertex. ``"auto"`` lets training shapes choose among 30, 3, 0.3 and 0.03.
+    pose : {"auto", "free", "similarity"}, default="auto"
+        ``"similarity"``: shapes are alike but for where they are, how they are turned, and their
+        size, as bones are; the start is then found in space, over all turns. ``"auto"`` asks the
+        known pairs of the training shapes whether a similarity leaves 2 % of their squares or less.
+
+    Attributes
+    ----------
+    start_ : Refinement or None
+        The fitted start.
+    deformation_ : Deformation
+        What was learned; a few MB.
+    stiffness_, pose_ : float, str
+        What was chosen.
+    choices_ : dict of float
+        Mean distance, in sqrt(area), of known places from where they belong on training shapes left
+        out of the deformation, by stiffness; empty if nothing was chosen.
+    limits_ : Limits
+        By which a shape is told that the reference does not fit.
+
+    Notes
+    -----
+    Training shapes are registered by their known pairs. A shape is one that the model of
+    deformation was learned from, so it is left out for the choice of the stiffness; the match that
+    it begins with is not learned anew.
+
+    Examples
+    --------
+    >>> import skfmap
+    >>> from skfmap.registration import Registration
+    >>> learner = skfmap.WeightedFunctionalMapLearner(refine=Registration(pose="free"))
+    >>> learner.set_params(refine__stiffness=3.0).refine
+    Registration(pose='free', stiffness=3.0)
+    """
+
+    def __init__(
+        self,
+        start: str | Refinement | None = "bijective-zoomout",
+        *,
+        deformation: str = "learned",
+        stiffness: float | str = "auto",
+        pose: str = "auto",
+    ) -> None:
+        self.start = start
+        self.deformation = deformation
+        self.stiffness = stiffness
+        self.pose = pose
+
+    def check_parameters(self) -> None:
+        """Raise for parameters that cannot be used."""
+        if isinstance(self.start, Refinement):
+            self.start.check_parameters()
+        elif self.start is not None:
+            check_choice(self.start, "start", tuple(REFINEMENTS))
+        check_choice(self.deformation, "deformation", ("learned", "as-rigid-as-possible"))
+        check_choice(self.pose, "pose", ("auto", "free", "similarity"))
+        if isinstance(self.stiffness, str):
+            check_choice(self.stiffness, "stiffness", ("auto",))
+        else:
+            check_number(self.stiffness, "stiffness", low=0, strict=True)
+
+    def fit(self, training: Any, matcher: Any) -> Self:
+        """Learn how the reference deforms, and how stiff it has to be.
+
+        Parameters
+        ----------
+        training : TrainingSet
+            Training shapes.
+        matcher : Matcher
+            What was learned from them.
+
+        Returns
+        -------
+        Registration
+            Itself.
+        """
+        self._prepare(training, matcher)
+        self.choices_: dict[float, float] = {}
+        samples = _samples(training, matcher, self.start_, self.pose_)
+        laid = self._learn_deformation(training, samples)
+        if self.stiffness == "auto":
+            self._choose(training, samples, laid)
+        else:
+            self.stiffness_ = float(self.stiffness)
+        return self
+
+    def fit_fold(self, training: Any, matcher: Any) -> Self:
+        """Return what is learned from some of the shapes, with what all of them chose.
+
+        The parameters are those of `fit`, which has been called.
+        """
+        other: Self = clone(self)
+        other._prepare(training, matcher)
+        other.pose_ = self.pose_
+        other._learn_deformation(training, _samples(training, matcher, other.start_, other.pose_))
+        other.stiffness_, other.choices_ = self.stiffness_, self.choices_
+        other.limits_ = other.limits_._replace(worst=self.limits_.worst)
+        return other
+
+    def refine(self, learned: Learned, spectral: SpectralShape, match: PointMatch) -> PointMatch:
+        """Return the match by nearest points in space, and by normals.
+
+        Refined are also ``inverse``, the nearest vertex to each registered one, and the functional
+        map, which is fitted to both.
+        """
+        return _matched_in_space(
+            learned.reference.spectral, spectral, match, self.vertices_on(learned, spectral, match)
+        )
+
+    def lay(self, learned: Learned, spectral: SpectralShape, match: PointMatch) -> Laid:
+        """Lay the reference onto a shape.
+
+        Parameters
+        ----------
+        learned : Learned
+            What was learned.
+        spectral : SpectralShape
+            The shape S_i.
+        match : PointMatch
+            Its match in the learned functions.
+
+        Returns
+        -------
+        Laid
+            On the shape of unit area.
+        """
+        vertices = self.vertices_on(learned, spectral, match)
+        spectral_0 = learned.reference.spectral
+        quality = self._quality(spectral_0, spectral, vertices)
+        flipped = flipped_faces(self.deformation_, spectral_0.mesh.faces, vertices)
+        return Laid(vertices, int(flipped.sum()), quality, self.limits_.allow(quality))
+
+    def vertices_on(
+        self, learned: Learned, spectral: SpectralShape, match: PointMatch
+    ) -> FloatArray:
+        """Return the reference's working vertices on a shape of unit area, (n_vertices_0, 3)."""
+        if self.start_ is not None:
+            match = self.start_.refine(learned, spectral, match)
+        deformation, spectral_0 = self.deformation_, learned.reference.spectral
+        start = _start(deformation, spectral_0, spectral, match, self.pose_)
+        vertices = _drawn(deformation, spectral_0, spectral, start, self.stiffness_)
+        return unfold(deformation, spectral_0.mesh.faces, vertices)
+
+    def _prepare(self, training: Any, matcher: Any) -> None:
+        self.check_parameters()
+        start = REFINEMENTS[self.start]() if isinstance(self.start, str) else self.start
+        self.start_ = None if start is None else start.fit_fold(training, matcher)
+        self.pose_ = _pose(training) if self.pose == "auto" else self.pose
+
+    def _learn_deformation(self, training: Any, samples: "Sequence[_Sample]") -> list[FloatArray]:
+        laid = map_shapes(
+            _lay_by_pairs,
+            ((training.reference.spectral, one) for one in samples),
+            n_jobs=training.n_jobs,
+            verbose=0,
+            prefer="threads",
+        )
+        self.deformation_ = _deformation(
+            training.reference.spectral, laid, self.deformation, self.pose_
+        )
+        self.limits_ = Limits.shown_by(self.deformation_, laid)
+        return laid
+
+    def _choose(self, training: Any, samples: "Sequence[_Sample]", laid: list[FloatArray]) -> None:
+        """Choose the stiffness by training shapes that the deformation is not learned from."""
+        spectral_0, n = training.reference.spectral, len(samples)
+        rows = np.unique(np.linspace(0, n - 1, min(n, _VALIDATED)).round().astype(int))
+        arguments = (
+            (
+                _deformation(
+                    spectral_0,
+                    [laid[j] for j in range(n) if j != i],
+                    self.deformation,
+                    self.pose_,
+                ),
+                spectral_0,
+                samples[i],
+                self.pose_,
+            )
+            for i in rows
+        )
+        seen = map_shapes(
+            _validated, arguments, n_jobs=training.n_jobs, verbose=0, prefer="threads"
+        )
+        errors = np.mean([[error for error, _ in one] for one in seen], axis=0)
+        best = int(np.argmin(errors))
+        self.choices_ = dict(zip(_STIFFNESSES, errors.tolist(), strict=True))
+        self.stiffness_ = _STIFFNESSES[best]
+        qualities = [
+            self._quality(spectral_0, samples[i].spectral, one[best][1])
+            for i, one in zip(rows, seen, strict=True)
+        ]
+        self.limits_ = self.limits_.with_worst(qualities)
+
+    def _quality(
+        self, spectral_0: SpectralShape, spectral: SpectralShape, vertices: FloatArray
+    ) -> Quality:
+        return assess(
+            self.deformation_,
+            self.limits_,
+            (vertices, spectral_0.mesh.faces, spectral_0.mass),
+            (spectral.vertices, spectral.mesh.faces, spectral.mass),
+        )
+
+
+class _Sample(NamedTuple):
+    """A training shape, its match, where its known pairs lie, and the start that they give."""
+
+    spectral: SpectralShape
+    match: PointMatch
+    pairs: Anchors
+    pose: str
+
+
+def _samples(training: Any, matcher: Any, start: Refinement | None, pose: str) -> list[_Sample]:
+    arguments = ((replace(matcher, refinement=start), training, i, pose) for i in training.used)
+    return map_shapes(_sample, arguments, n_jobs=training.n_jobs, verbose=0, prefer="threads")
+
+
+def _sample(matcher: Any, training: Any, i: int, pose: str) -> _Sample:
+    shape, join, known = training.shapes[i], training.joins[i], training.known[i]
+    spectral_0 = training.reference.spectral
+    match = matcher.match_points(shape, matcher.solve(shape).C)[1]
+    # Where shapes are stiff there are few pairs, and none of them are wrong because of bending.
+    right = np.ones(len(known.areas), bool) if pose == "similarity" else known.areas > 0
+    pairs = Anchors(
+        _place_matrix(spectral_0, join.vertices_0[right]),
+        _place_matrix(shape.spectral, join.vertices_i[right]) @ shape.spectral.vertices,
+        join.weights[right] * min(_FEW_PAIRS, spectral_0.mesh.n_vertices / max(1, right.sum())),
+    )
+    return _Sample(shape.spectral, match, pairs, pose)
+
+
+def _place_matrix(spectral: SpectralShape, given: Any) -> sp.csr_array:
+    corners, weights = spectral.places_of(given)
+    rows = np.repeat(np.arange(len(given)), 3)
+    shape = (len(given), spectral.mesh.n_vertices)
+    return sp.coo_array((weights.ravel(), (rows, corners.ravel())), shape=shape).tocsr()
+
+
+def _pose(training: Any) -> str:
+    """Tell whether a similarity explains the known pairs of most training shapes."""
+    left = []
+    for i in training.used:
+        join, spectral_0 = training.joins[i], training.reference.spectral
+        points = _place_matrix(training.shapes[i].spectral, join.vertices_i)
+        points_0 = _place_matrix(spectral_0, join.vertices_0)
+        left.append(
+            left_by_similarities(
+                points @ training.shapes[i].spectral.vertices,
+                points_0 @ spectral_0.vertices,
+                join.weights,
+            )[0]
+        )
+    return "similarity" if np.median(left) <= _STIFF else "free"
+
+
+_LAID: WeakKeyDictionary[SpectralShape, dict[str, FloatArray]] = WeakKeyDictionary()
+
+
+def _lay_by_pairs(spectral_0: SpectralShape, sample: _Sample) -> FloatArray:
+    """Return the reference on a training shape, by known pairs; once for all folds."""
+    key = hash_of_arrays(
+        spectral_0.vertices, spectral_0.mesh.faces, sample.pairs.places.data, sample.pairs.points
+    )
+    known = _LAID.setdefault(sample.spectral, {})
+    if key not in known:
+        known[key] = _by_pairs(spectral_0, sample)
+    return known[key]
+
+
+def _by_pairs(spectral_0: SpectralShape, sample: _Sample) -> FloatArray:
+    rest = Deformation.of_reference(spectral_0.vertices, spectral_0.mesh.faces)
+    pairs = sample.pairs
+    if sample.pose == "similarity":
+        moved = best_similarity(
+            np.asarray(pairs.places @ spectral_0.vertices), pairs.points, pairs.weights
+        )
+        start = moved.apply(spectral_0.vertices)
+    else:
+        matched = _matched(sample.spectral, spectral_0, sample.match)
+        both = Anchors(
+            sp.csr_array(sp.vstack([matched.places, pairs.places])),
+            np.concatenate([matched.points, pairs.points]),
+            np.concatenate([_MATCHED * matched.weights, pairs.weights]),
+        )
+        start = lay_on_points(rest, both, matched.points)
+    return _drawn(rest, spectral_0, sample.spectral, start, _OF_TRAINING, pairs)
+
+
+def _deformation(
+    spectral_0: SpectralShape, laid: Sequence[FloatArray], kind: str, pose: str
+) -> Deformation:
+    if kind == "learned" and len(laid):
+        areas = spectral_0.mass if pose == "similarity" else None
+        return Deformation.learned(spectral_0.vertices, spectral_0.mesh.faces, laid, areas=areas)
+    return Deformation.of_reference(spectral_0.vertices, spectral_0.mesh.faces)
+
+
+def _validated(
+    deformation: Deformation, spectral_0: SpectralShape, sample: _Sample, pose: str
+) -> list[tuple[float, FloatArray]]:
+    """Return, for each stiffness, how far known places are from where they belong, and vertices."""
+    start = _start(deformation, spectral_0, sample.spectral, sample.match, pose)
+    found, pairs = [], sample.pairs
+    surface = ClosestPoints(sample.spectral.vertices, sample.spectral.mesh.faces)
+    for stiffness in _STIFFNESSES:
+        vertices = _drawn(deformation, spectral_0, sample.spectral, start, stiffness)
+        on_surface = surface.of(np.asarray(pairs.places @ vertices)).points
+        off = np.linalg.norm(on_surface - pairs.points, axis=1)
+        found.append((float(np.average(off, weights=pairs.weights)), vertices))
+    return found
+
+
+def _start(
+    deformation: Deformation,
+    spectral_0: SpectralShape,
+    spectral: SpectralShape,
+    match: PointMatch,
+    pose: str,
+) -> FloatArray:
+    """Return the coordinates to begin with: the mean shape moved, or the match followed."""
+    matched = _matched(spectral, spectral_0, match)
+    if pose == "free":
+        start = lay_on_points(deformation, matched, matched.points)
+        return unfold(deformation, spectral_0.mesh.faces, start)
+    rest = deformation.shape_at_rest
+    by_match = best_similarity(rest, matched.points, matched.weights * spectral_0.mass)
+    found: Similarity = align(
+        rest,
+        spectral_0.mesh.faces,
+        ClosestPoints(spectral.vertices, spectral.mesh.faces),
+        principal_axes(spectral.vertices, spectral.mass),
+        spectral_0.mass,
+        [by_match],
+    )
+    return found.apply(rest)
+
+
+def _matched(spectral: SpectralShape, spectral_0: SpectralShape, match: PointMatch) -> Anchors:
+    """Return the points that a match puts the reference's vertices on.
+
+    A vertex counts by how near it comes to itself when it goes to the shape and back.
+    """
+    vertices_0 = spectral_0.vertices
+    back = np.linalg.norm(vertices_0 - vertices_0[match.p2p[match.inverse]], axis=1)
+    width = 2 * np.sqrt(2 / len(vertices_0))
+    return Anchors(
+        sp.eye_array(len(vertices_0), format="csr"),
+        spectral.vertices[match.inverse],
+        1 / (1 + np.square(back / width)),
+    )
+
+
+def _drawn(
+    deformation: Deformation,
+    spectral_0: SpectralShape,
+    spectral: SpectralShape,
+    start: FloatArray,
+    stiffness: float,
+    anchors: Anchors | None = None,
+) -> FloatArray:
+    return lay(
+        deformation,
+        spectral_0.mesh.faces,
+        ClosestPoints(spectral.vertices, spectral.mesh.faces),
+        start,
+        spectral_0.mass,
+        stiffness=stiffness,
+        anchors=anchors,
+    )
+
+
+def _matched_in_space(
+    spectral_0: SpectralShape, spectral: SpectralShape, match: PointMatch, laid: FloatArray
+) -> PointMatch:
+    """Return the match of nearest points, which are the farther apart the more normals differ."""
+    width = _NORMALS / 2 * np.sqrt(2 / len(laid))
+    points_i, points_0 = (
+        np.hstack([vertices, width * vertex_normals(vertices, faces)])
+        for vertices, faces in (
+            (spectral.vertices, spectral.mesh.faces),
+            (laid, spectral_0.mesh.faces),
+        )
+    )
+    p2p, inverse = nearest_both(points_i, points_0, n_threads=threads_within())
+    n = min(spectral.n_components, spectral_0.n_components)
+    C = map_from_point_maps(
+        spectral.evecs[:, :n], spectral_0.evecs[:, :n], spectral.mass, spectral_0.mass, p2p, inverse
+    )
+    return PointMatch(match.learned_map, C, points_i, points_0, p2p, inverse)

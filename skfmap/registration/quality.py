@@ -1,0 +1,98 @@
+"""How well the reference lies on a shape, judged by what training shapes showed."""
+
+from collections.abc import Sequence
+from typing import NamedTuple, Self
+
+import numpy as np
+
+from skfmap._tools.types import BoolArray, FloatArray, IntArray
+from skfmap.geometry.closest import ClosestPoints
+from skfmap.registration.deformation import Deformation
+
+__all__ = ["Limits", "Quality", "assess"]
+
+# Distance, in mean edges of the reference, beyond which a point is off the other surface.
+_OFF = 2.0
+# Share of edges of training shapes that are stretched less than what counts as stretched.
+_USUAL = 0.99
+# What is told of shapes that do not fit: so many times the worst training shape, and this share at
+# least. Cats onto horses and halves of cats are beyond by far (tests/test_registration.py).
+_TIMES, _AT_LEAST = 3.0, 0.05
+
+
+class Quality(NamedTuple):
+    """Of a reference laid onto a shape.
+
+    Attributes
+    ----------
+    off : float
+        Share of the reference's area that lies off the shape, by more than two mean edges.
+    uncovered : float
+        Share of the shape's area that lies off the reference.
+    stretched : float
+        Share of the reference's area that is stretched, or compressed, more than nearly all of what
+        training showed.
+    """
+
+    off: float
+    uncovered: float
+    stretched: float
+
+
+class Limits(NamedTuple):
+    """What training shapes showed: the strain that counts as stretched, and the worst qualities."""
+
+    strain: float
+    worst: Quality
+
+    @classmethod
+    def shown_by(cls, deformation: Deformation, laid: Sequence[FloatArray]) -> Self:
+        """Return the limits of training shapes that the reference was laid onto by known pairs."""
+        strains = [deformation.mean.strains(vertices) for vertices in laid]
+        return cls(float(np.quantile(np.concatenate(strains), _USUAL)), Quality(0.0, 0.0, 0.0))
+
+    def with_worst(self, seen: Sequence[Quality]) -> Self:
+        """Return the limits with the worst of qualities that left-out training shapes showed."""
+        return self._replace(worst=Quality(*np.max(seen, axis=0).tolist()))
+
+    def allow(self, quality: Quality) -> bool:
+        """Tell whether a reference that was laid onto a shape fits it."""
+        return all(
+            one <= max(_AT_LEAST, _TIMES * worst)
+            for one, worst in zip(quality, self.worst, strict=True)
+        )
+
+
+def assess(
+    deformation: Deformation,
+    limits: Limits,
+    laid: tuple[FloatArray, IntArray, FloatArray],
+    shape: tuple[FloatArray, IntArray, FloatArray],
+) -> Quality:
+    """Return how well a reference lies on a shape.
+
+    Parameters
+    ----------
+    deformation, limits : Deformation, Limits
+        What was learned.
+    laid, shape : tuple of ndarray
+        Vertices, faces and areas of the vertices, of the laid reference and of the shape.
+    """
+    off = _OFF * float(np.linalg.norm(deformation.mean.vectors, axis=1).mean())
+    mean_strain = _at_vertices(deformation, deformation.mean.strains(laid[0]))
+    return Quality(
+        _share(ClosestPoints(*shape[:2]).of(laid[0]).distances > off, laid[2]),
+        _share(ClosestPoints(*laid[:2]).of(shape[0]).distances > off, shape[2]),
+        _share(mean_strain > limits.strain, laid[2]),
+    )
+
+
+def _share(which: BoolArray, areas: FloatArray) -> float:
+    return float(np.average(which, weights=areas))
+
+
+def _at_vertices(deformation: Deformation, values: FloatArray) -> FloatArray:
+    """Return the mean over the edges at each vertex."""
+    at = deformation.mean.ends
+    counts = np.asarray(at.sum(axis=1), dtype=np.float64).ravel()
+    return np.asarray(at @ values, dtype=np.float64) / np.maximum(counts, 1.0)
