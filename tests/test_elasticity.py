@@ -83,6 +83,18 @@ def test_rotations_at_vertices_fit_their_edges_best(body, surface):
         np.testing.assert_allclose(found[vertex], best.as_matrix(), atol=1e-7)
 
 
+def test_where_edges_leave_a_turn_open_it_is_that_of_the_whole(body, surface):
+    """Neighbours on one point, and on one line: the rotations turn with the shape all the same."""
+    _, faces = body
+    around = np.unique(faces[(faces == 0).any(axis=1)])
+    for flattened in (np.zeros(3), np.array([0.0, 0, 1])):
+        now = bent(body[0], 0.8)
+        now[around] = now[0] + np.outer(now[around] @ flattened, flattened)
+        plain = surface.rotations(now)
+        turned = surface.rotations(now @ turn(1).T + 3)
+        np.testing.assert_allclose(turned, turn(1) @ plain, atol=1e-5)
+
+
 # The energy
 
 

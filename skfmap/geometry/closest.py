@@ -6,6 +6,7 @@ import igl
 import numpy as np
 
 from skfmap._tools.types import BoolArray, FloatArray, IntArray
+from skfmap.geometry.normals import vertex_normals
 
 __all__ = ["ClosestPoints", "NearestPoints", "face_normals"]
 
@@ -18,8 +19,11 @@ class NearestPoints(NamedTuple):
 
     Attributes
     ----------
-    points, normals : ndarray of shape (n, 3)
+    points : ndarray of shape (n, 3)
         Of the surface.
+    normals : ndarray of shape (n, 3)
+        There, between those of the vertices: of faces that meet where a point is nearest, rounding
+        would choose one. Zero on a face without area.
     distances : ndarray of shape (n,)
         Of the points from them.
     on_rim : ndarray of bool, shape (n,)
@@ -55,7 +59,7 @@ class ClosestPoints:
         self._faces = np.ascontiguousarray(faces, dtype=np.int64)
         self._tree: Any = igl.AABB()
         self._tree.init(self._vertices, self._faces)
-        self._normals = face_normals(self._vertices, self._faces)
+        self._normals = vertex_normals(self._vertices, self._faces)
         self._rims = _edges_on_rim(self._faces)
 
     def of(self, points: FloatArray) -> NearestPoints:
@@ -70,10 +74,17 @@ class ClosestPoints:
         face, nearest = np.ravel(face), np.reshape(nearest, (-1, 3))
         return NearestPoints(
             nearest,
-            self._normals[face],
+            self._normals_at(face, nearest),
             np.sqrt(np.maximum(np.ravel(squared), 0.0)),
             self._on_rim(face, nearest),
         )
+
+    def _normals_at(self, face: IntArray, nearest: FloatArray) -> FloatArray:
+        corners = self._faces[face]
+        a, b, c = (np.ascontiguousarray(self._vertices[corners[:, j]]) for j in range(3))
+        weights = np.nan_to_num(igl.barycentric_coordinates(np.ascontiguousarray(nearest), a, b, c))
+        normals = np.einsum("nc,nca->na", weights, self._normals[corners])
+        return np.asarray(normals / np.maximum(np.linalg.norm(normals, axis=1)[:, None], 1e-300))
 
     def _on_rim(self, face: IntArray, nearest: FloatArray) -> BoolArray:
         """Return which points lie on an edge that only one face has."""

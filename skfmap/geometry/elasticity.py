@@ -14,6 +14,8 @@ __all__ = ["ElasticSurface", "nearest_rotations"]
 
 # Cotangents below that are raised to it: edges of obtuse triangles would push instead of pull.
 _LEAST_COTANGENT = 1e-3
+# How much the turn of the whole counts at each vertex: enough to choose where edges leave it open.
+_OF_WHOLE = 1e-9
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -96,11 +98,17 @@ class ElasticSurface:
         return vertices[self.edges[:, 0]] - vertices[self.edges[:, 1]]
 
     def rotations(self, vertices: FloatArray) -> FloatArray:
-        """Return the rotations that take the edges around each vertex best from rest, (n, 3, 3)."""
+        """Return the rotations that take the edges around each vertex best from rest, (n, 3, 3).
+
+        Where they are on one line or have no length, as where a match puts neighbours on one point,
+        they leave a turn open, and it is that of the whole, which rounding does not change.
+        """
         weighted = self.weights[:, None] * self.along_edges(vertices)
         products = weighted[:, :, None] * self.vectors[:, None, :]
-        sums = np.asarray(self.ends @ products.reshape(-1, 9))
-        return nearest_rotations(sums.reshape(-1, 3, 3))
+        sums = np.asarray(self.ends @ products.reshape(-1, 9)).reshape(-1, 3, 3)
+        whole = nearest_rotations(sums.mean(axis=0, keepdims=True))
+        size = np.linalg.norm(sums, axis=(1, 2)).mean()
+        return nearest_rotations(sums + _OF_WHOLE * size * whole)
 
     def turned(self, rotations: FloatArray) -> FloatArray:
         """Return the right-hand side that goes with ``stiffness``, shape (n_vertices, 3)."""
