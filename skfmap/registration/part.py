@@ -18,7 +18,7 @@ from skfmap.functional.refinement import map_from_point_maps
 from skfmap.functional.similarity import Similarity, best_similarity, left_by_similarities
 from skfmap.geometry.closest import ClosestPoints
 from skfmap.geometry.normals import vertex_normals
-from skfmap.refinement import REFINEMENTS, Learned, PointMatch, Refinement
+from skfmap.refinement import ICP, REFINEMENTS, Learned, PointMatch, Refinement, ZoomOut
 from skfmap.registration.alignment import align, principal_axes
 from skfmap.registration.deformation import Deformation
 from skfmap.registration.laying import Anchors, flipped_faces, lay, lay_on_points, unfold
@@ -42,6 +42,8 @@ _VALIDATED = 6
 _STIFF = 0.02
 # How strongly a match draws beside known pairs, which draw as much as the surface does.
 _MATCHED = 0.1
+# How often the best of several starts is matched and laid again.
+_AGAIN = 3
 # How far apart opposite normals are, in mean edges.
 _NORMALS = 4.0
 
@@ -180,7 +182,7 @@ class Registration(Refinement):
         other.pose_ = self.pose_
         other._learn_deformation(training, _samples(training, matcher, other.start_, other.pose_))
         other.stiffness_, other.choices_ = self.stiffness_, self.choices_
-        other.limits_ = other.limits_._replace(worst=self.limits_.worst)
+        other.limits_ = other.limits_._replace(usual=self.limits_.usual)
         return other
 
     def refine(self, learned: Learned, spectral: SpectralShape, match: PointMatch) -> PointMatch:
@@ -219,13 +221,35 @@ class Registration(Refinement):
     def vertices_on(
         self, learned: Learned, spectral: SpectralShape, match: PointMatch
     ) -> FloatArray:
-        """Return the reference's working vertices on a shape of unit area, (n_vertices_0, 3)."""
-        if self.start_ is not None:
-            match = self.start_.refine(learned, spectral, match)
-        deformation, spectral_0 = self.deformation_, learned.reference.spectral
+        """Return the reference's working vertices on a shape of unit area, (n_vertices_0, 3).
+
+        Where they do not lie as on training shapes, other starts are tried, and the best of all is
+        begun with again.
+        """
+        spectral_0 = learned.reference.spectral
+        begun = match if self.start_ is None else self.start_.refine(learned, spectral, match)
+        best = self._tried(spectral_0, spectral, begun)
+        if self.pose_ == "similarity" or self.limits_.allow(best[0]):
+            return best[1]
+        for other in (ICP(), ZoomOut(), None):
+            begun = match if other is None else other.refine(learned, spectral, match)
+            best = min(best, self._tried(spectral_0, spectral, begun), key=_misfit)
+        for _ in range(_AGAIN):
+            begun = _matched_in_space(spectral_0, spectral, match, best[1])
+            if self.start_ is not None:
+                begun = self.start_.refine(learned, spectral, begun)
+            best = min(best, self._tried(spectral_0, spectral, begun), key=_misfit)
+        return best[1]
+
+    def _tried(
+        self, spectral_0: SpectralShape, spectral: SpectralShape, match: PointMatch
+    ) -> tuple[Quality, FloatArray]:
+        """Return the vertices that one match leads to, and how well they lie."""
+        deformation = self.deformation_
         start = _start(deformation, spectral_0, spectral, match, self.pose_)
-        vertices = _drawn(deformation, spectral_0, spectral, start, self.stiffness_)
-        return unfold(deformation, spectral_0.mesh.faces, vertices)
+        drawn = _drawn(deformation, spectral_0, spectral, start, self.stiffness_)
+        vertices = unfold(deformation, spectral_0.mesh.faces, drawn)
+        return self._quality(spectral_0, spectral, vertices), vertices
 
     def _prepare(self, training: Any, matcher: Any) -> None:
         self.check_parameters()
@@ -276,7 +300,7 @@ class Registration(Refinement):
             self._quality(spectral_0, samples[i].spectral, one[best][1])
             for i, one in zip(rows, seen, strict=True)
         ]
-        self.limits_ = self.limits_.with_worst(qualities)
+        self.limits_ = self.limits_.with_usual(qualities)
 
     def _quality(
         self, spectral_0: SpectralShape, spectral: SpectralShape, vertices: FloatArray
@@ -287,6 +311,11 @@ class Registration(Refinement):
             (vertices, spectral_0.mesh.faces, spectral_0.mass),
             (spectral.vertices, spectral.mesh.faces, spectral.mass),
         )
+
+
+def _misfit(tried: tuple[Quality, FloatArray]) -> float:
+    """Return the shares of both areas that lie off the other shape, together."""
+    return tried[0].off + tried[0].uncovered
 
 
 class _Sample(NamedTuple):

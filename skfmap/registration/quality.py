@@ -15,7 +15,7 @@ __all__ = ["Limits", "Quality", "assess"]
 _OFF = 2.0
 # Share of edges of training shapes that are stretched less than what counts as stretched.
 _USUAL = 0.99
-# What is told of shapes that do not fit: so many times the worst training shape, and this share at
+# What is told of shapes that do not fit: so many times what is usual, and this share at
 # least. Cats onto horses and halves of cats are beyond by far (tests/test_registration.py).
 _TIMES, _AT_LEAST = 3.0, 0.05
 
@@ -40,10 +40,10 @@ class Quality(NamedTuple):
 
 
 class Limits(NamedTuple):
-    """What training shapes showed: the strain that counts as stretched, and the worst qualities."""
+    """The strain that counts as stretched, and the qualities that are usual."""
 
     strain: float
-    worst: Quality
+    usual: Quality
 
     @classmethod
     def shown_by(cls, deformation: Deformation, laid: Sequence[FloatArray]) -> Self:
@@ -51,15 +51,18 @@ class Limits(NamedTuple):
         strains = [deformation.mean.strains(vertices) for vertices in laid]
         return cls(float(np.quantile(np.concatenate(strains), _USUAL)), Quality(0.0, 0.0, 0.0))
 
-    def with_worst(self, seen: Sequence[Quality]) -> Self:
-        """Return the limits with the worst of qualities that left-out training shapes showed."""
-        return self._replace(worst=Quality(*np.max(seen, axis=0).tolist()))
+    def with_usual(self, seen: Sequence[Quality]) -> Self:
+        """Return the limits with the medians of what left-out training shapes showed.
+
+        One of them may have been matched wrongly.
+        """
+        return self._replace(usual=Quality(*np.median(seen, axis=0).tolist()))
 
     def allow(self, quality: Quality) -> bool:
         """Tell whether a reference that was laid onto a shape fits it."""
         return all(
-            one <= max(_AT_LEAST, _TIMES * worst)
-            for one, worst in zip(quality, self.worst, strict=True)
+            one <= max(_AT_LEAST, _TIMES * usual)
+            for one, usual in zip(quality, self.usual, strict=True)
         )
 
 

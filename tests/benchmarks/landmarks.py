@@ -16,6 +16,7 @@ import importlib.util
 import itertools
 import json
 import time
+import warnings
 from functools import partial
 from typing import NamedTuple
 
@@ -23,10 +24,14 @@ import igl
 import numpy as np
 from joblib import Parallel, delayed, parallel_config
 from paper_experiment import DATA
+from scipy.sparse import csr_array
 from scipy.spatial import KDTree
 from scipy.spatial.distance import cdist
+from sklearn.pipeline import make_pipeline
 
-from skfmap import Mesh
+import skfmap
+from skfmap import DescriptorTransformer, Mesh, SpectralBasis, WeightedFunctionalMapLearner
+from skfmap.geometry.faults import sound_faces
 from skfmap.geometry.normals import vertex_normals
 from skfmap.io import as_far_as_sound, read_arrays
 
@@ -36,6 +41,7 @@ COARSE_STEPS, STEPS, PATCH_STEPS = 10, 20, 10
 KEPT = 0.8  # share of the closest pairs that an alignment looks at
 NORMAL_WEIGHT = 0.2  # length of a normal beside coordinates, over the size of the target
 PATCH_RADIUS = 0.25  # over the size of the template
+MODELS = {}  # of a process, by the names of what they learned from
 
 
 class Similarity(NamedTuple):
@@ -239,6 +245,63 @@ def coherent_point_drift(carried, templates, target, n=1000, sigma=0.1):
     return project(onto.centre + onto.size * at, target)
 
 
+def learned(templates):
+    """Return a model of templates, and where their landmarks lie on the first, in the middle."""
+    key = tuple(template.name for template in templates)
+    if key not in MODELS:
+        MODELS[key] = fitted(templates)
+    return MODELS[key]
+
+
+def fitted(templates):
+    """Return what `learned` keeps."""
+    meshes = [template.mesh for template in templates]
+    model = make_pipeline(
+        SpectralBasis(),
+        DescriptorTransformer(),
+        WeightedFunctionalMapLearner(
+            n_functions=min(50, len(templates[0].landmarks) - 1),
+            refine="register",
+            confidence=None,
+        ),
+    )
+    nearest = [KDTree(t.mesh.vertices).query(t.landmarks)[1] for t in templates]
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        model.fit(meshes, [np.column_stack([v, np.arange(len(v))]) for v in nearest])
+        laid = skfmap.register(model, meshes)
+    first = meshes[0].vertices
+    carried = [
+        places(one.vertices, one.faces, template.landmarks) @ first
+        for one, template in zip(laid[1:], templates[1:], strict=True)
+    ]
+    faces = laid[0].faces
+    own = places(first, faces, templates[0].landmarks)
+    middle = np.median([own @ first, *carried], axis=0)
+    return model, own, places(first, faces, middle)
+
+
+def places(vertices, faces, points):
+    """Return the matrix whose rows interpolate at the nearest points of a surface."""
+    faces = faces[sound_faces(vertices, faces)]
+    used, back = np.unique(faces, return_inverse=True)
+    at, corners = vertices[used], back.reshape(-1, 3)
+    _, face, nearest = igl.point_mesh_squared_distance(points, at, corners)
+    triangles = [np.ascontiguousarray(at[corners[face, a]]) for a in range(3)]
+    weights = igl.barycentric_coordinates(nearest, *triangles)
+    rows = np.repeat(np.arange(len(points)), 3), faces[face].ravel()
+    return csr_array((weights.ravel(), rows), shape=(len(points), len(vertices)))
+
+
+def registration(templates, target, voted=False):
+    """Return landmarks through the registered mesh of the first template: its own, or the vote."""
+    model, own, middle = learned(templates)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        (laid,) = skfmap.register(model, [target.mesh])
+    return project((middle if voted else own) @ laid.vertices, target)
+
+
 def malpaca(templates, target):
     """Return MALPACA's estimates, as stored; its templates were chosen by others."""
     return target.estimates
@@ -263,6 +326,8 @@ def answers(carried, with_malpaca):
         "patch vote": partial(vote, carried, on_surface=True),
         "pv unproj.": partial(vote, carried),
         "+ offset": partial(vote_and_offset, carried),
+        "register": registration,
+        "reg., vote": partial(registration, voted=True),
     }
     if importlib.util.find_spec("pycpd"):
         named["CPD"] = partial(coherent_point_drift, carried)
