@@ -46,7 +46,7 @@ def _no_rotation(field, points, weights):
 
 
 def _family(n_shapes=7, strength=1e-3):
-    """Return shapes that move to and fro along one displacement, their mean and parameters."""
+    """Return shapes that move along one displacement, forth and back, their mean and parameters."""
     weights = _area_weights(FORM, BALL.faces)
     mean = FORM - weights @ FORM
     field = _no_rotation(np.sin(3 * FORM[:, [2, 0, 1]]), mean, weights)
