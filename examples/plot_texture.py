@@ -29,7 +29,7 @@ model.fit(creatures.meshes[:6], creatures.correspondences[:6])
 reference, scan = creatures.meshes[0], creatures.meshes[7]
 
 # %%
-# The mesh laid onto the scan has the reference's vertices, which have moved, and its faces. Whatever
+# The mesh laid onto the scan has the reference's vertices, in new places, and its faces. Whatever
 # is tied to these, such as a texture or a skeleton, needs nothing else.
 (laid,) = skfmap.register(model, [scan])
 print(laid)

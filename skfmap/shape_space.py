@@ -245,11 +245,11 @@ class ShapeSpace(Versioned, TransformerMixin, BaseEstimator):
         check_is_fitted(self)
         points, faces, names = _read(X, None)
         if points.shape[1:] != self.mean_.shape or not _same(faces, self.faces_):
+            got = f"{points.shape[1]} vertices"
+            got += " in other faces" if points.shape[1] == len(self.mean_) else ""
             raise MeshError(
-                "X must have the faces of the shapes of fit, "
-                f"{len(self.mean_)} vertices; got {points.shape[1]} vertices"
-                f"{'' if points.shape[1] != len(self.mean_) else ' in other faces'}. Register them "
-                "by the same model."
+                f"X must have the {len(self.mean_)} vertices and the faces of the shapes of fit; "
+                f"got {got}. Register them by the same model."
             )
         frame = _frame(self.mean_, self.faces_)
         mirrored = self._told_mirrored(points, frame, names)
@@ -387,7 +387,7 @@ class ShapeSpace(Versioned, TransformerMixin, BaseEstimator):
         for shape, out in zip(points, aligned, strict=True):
             centred = shape - frame.weights @ shape
             if self.scale:
-                centred /= _size(centred, frame.weights)
+                centred = _of_unit_size(centred, frame.weights)
             out[:] = centred @ best_similarity(centred, frame.mean, frame.weights).rotation
         return aligned
 
@@ -435,6 +435,8 @@ def _frame(mean: FloatArray, faces: IntArray | None) -> _Frame:
     if faces is None:
         return _Frame(mean, np.full(len(mean), 1 / len(mean)))
     areas, _ = area_and_longest_edge(mean, faces)
+    if not areas.any():
+        raise MeshError("The first shape, or the mean of all, has no area. Leave such shapes out.")
     weights = np.bincount(faces.ravel(), np.repeat(areas, 3), minlength=len(mean))
     return _Frame(mean, weights / weights.sum())
 
@@ -442,6 +444,13 @@ def _frame(mean: FloatArray, faces: IntArray | None) -> _Frame:
 def _size(points: FloatArray, weights: FloatArray) -> float:
     """Return the root mean square distance from the centroid."""
     return float(np.sqrt(weights @ np.square(points - weights @ points).sum(axis=1)))
+
+
+def _of_unit_size(points: FloatArray, weights: FloatArray) -> FloatArray:
+    size = _size(points, weights)
+    if size == 0:
+        raise MeshError("A shape has all vertices in one place, and no size: leave it out.")
+    return points / size
 
 
 def _signs(scores: FloatArray) -> FloatArray:

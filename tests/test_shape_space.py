@@ -376,6 +376,13 @@ def test_what_is_no_collection_is_refused(X, error, message):
         ShapeSpace().fit(X)
 
 
+def test_shapes_without_size_are_refused():
+    with pytest.raises(MeshError, match=r"The first shape, .*, has no area"):
+        ShapeSpace(faces=BALL.faces).fit(np.stack([0 * FORM, FORM]))
+    with pytest.raises(MeshError, match="all vertices in one place, and no size"):
+        ShapeSpace(scale=True).fit(np.stack([FORM, 0 * FORM]))
+
+
 def test_stack_takes_registered_shapes_only():
     with pytest.raises(TypeError, match=r"registered\[0\] must be what skfmap.register returns"):
         stack(_meshes(_wild()))
