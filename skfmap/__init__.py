@@ -54,6 +54,7 @@ _SUBMODULES = (
     "refinement",
     "registration",
     "report",
+    "shape_space",
     "shapes",
 )
 

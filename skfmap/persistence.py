@@ -57,6 +57,7 @@ TRUSTED_TYPES = (
     "skfmap.registration.part.Registration",
     "skfmap.registration.quality.Limits",
     "skfmap.registration.quality.Quality",
+    "skfmap.shape_space.ShapeSpace",
     "skfmap.shapes.correspondence.Correspondence",
     "skfmap.shapes.mesh.Mesh",
     "skfmap.shapes.probed_shape.ProbedShape",
