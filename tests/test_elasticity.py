@@ -392,6 +392,16 @@ def test_nothing_is_drawn_where_nothing_was_scanned():
     np.testing.assert_allclose(np.linalg.norm(laid[above], axis=1), 1.02, atol=0.01)
 
 
+@pytest.mark.parametrize("away", ["inside out", "far"])
+def test_where_nothing_draws_nothing_moves(away):
+    """The inner wall of a hollow body, which is nearer than any other, and a surface elsewhere."""
+    vertices, faces = subdivided_octahedron(3)
+    wall = (0.95 * vertices, faces[:, ::-1]) if away == "inside out" else (vertices + 30, faces)
+    rest, areas = Deformation.of_reference(vertices, faces), vertex_areas(vertices, faces)
+    laid = lay(rest, faces, ClosestPoints(*wall), vertices, areas, stiffness=0.3)
+    np.testing.assert_allclose(laid, vertices, atol=1e-6)
+
+
 def test_anchors_hold_the_places_that_they_name(body):
     vertices, faces = body
     rest, target = Deformation.of_reference(vertices, faces), ClosestPoints(*body)
