@@ -35,7 +35,7 @@ from skfmap.geometry.normals import vertex_normals
 from skfmap.geometry.sphere import subdivided_octahedron
 from skfmap.persistence import load_model, save_model
 from skfmap.refinement import BijectiveZoomOut, ZoomOut
-from skfmap.registration import Deformation, Limits, Quality, Registration
+from skfmap.registration import Deformation, Limits, Quality, Registration, part
 
 GIVEN = {"n_functions": 20, "tol": 1e-2}
 
@@ -111,6 +111,28 @@ def test_registered_vertices_lie_on_the_shape_where_they_belong(laid, creatures)
     assert np.median(off) < 1.5 * edge_of(meshes[5])
 
 
+def test_folds_are_taken_out_and_those_that_are_left_counted(taught, laid, creatures, monkeypatch):
+    faces, drawn = taught.reference_.spectral.mesh.faces, part._drawn
+
+    def folded(*given):
+        vertices = drawn(*given)
+        face = faces[300]
+        vertices[face[0]] += 1.3 * (vertices[face[1:]].mean(axis=0) - vertices[face[0]])
+        return vertices
+
+    monkeypatch.setattr(part, "_drawn", folded)
+    (mended,) = taught.register(creatures[2][5:])
+    assert mended.n_flipped == 0
+    monkeypatch.setattr(part, "unfold", lambda deformation, faces, vertices: vertices)
+    (left,) = taught.register(creatures[2][5:])
+    assert left.n_flipped == 1
+    monkeypatch.setattr(part, "_drawn", drawn)
+    (smooth,) = taught.register(creatures[2][5:])
+    moved = np.linalg.norm(left.vertices - smooth.vertices, axis=1) > 0
+    np.testing.assert_array_equal(np.flatnonzero(moved), [faces[300, 0]])
+    assert np.abs(mended.vertices - laid.vertices).max() < edge_of(creatures[0][5])
+
+
 def test_the_answer_says_what_it_is(laid, creatures):
     assert (laid.name, laid.reference_name) == ("cat5", "cat0")
     assert repr(laid).startswith("Registered('cat0' on 'cat5', fits=True, n_flipped=0, off=0.000")
@@ -174,7 +196,7 @@ def test_the_answer_turns_with_the_shape_and_knows_no_numbers(taught, laid, crea
 def test_the_number_of_jobs_changes_nothing(registration, creatures):
     _, truths, shapes = creatures
     one, two = (
-        learner_that(registration, n_jobs=n_jobs).fit(shapes[:4], truths[:4]) for n_jobs in (1, 2)
+        learner_that(registration, n_jobs=n_jobs).fit(shapes[:3], truths[:3]) for n_jobs in (1, 2)
     )
     np.testing.assert_array_equal(one.refine_.deformation_.modes, two.refine_.deformation_.modes)
     first, second = one.register(shapes[4:]), two.register(shapes[4:])
@@ -255,29 +277,39 @@ def test_a_part_of_a_fold_is_a_fitted_clone():
         def fit(self, training, matcher):
             self.n_ = self.start + training + matcher
 
-    part = Counting(start=5)
-    part.fit(1, 1)
-    of_fold = part.fit_fold(10, 20)
-    assert of_fold is not part
-    assert (part.n_, of_fold.n_) == (7, 35)
+    whole = Counting(start=5)
+    whole.fit(1, 1)
+    of_fold = whole.fit_fold(10, 20)
+    assert of_fold is not whole
+    assert (whole.n_, of_fold.n_) == (7, 35)
 
 
 def test_folds_keep_what_all_shapes_chose(creatures, monkeypatch):
     """But deformations, which are learned without the shapes that were left out."""
     _, truths, shapes = creatures
-    fits, folds = [], []
-    fit, fit_fold = Registration.fit, Registration.fit_fold
-    monkeypatch.setattr(
-        Registration, "fit", lambda self, *data: fits.append(fit(self, *data)) or fits[-1]
-    )
-    monkeypatch.setattr(
-        Registration,
-        "fit_fold",
-        lambda self, *data: folds.append(fit_fold(self, *data)) or folds[-1],
-    )
+    fits, folds, chosen_by = [], [], []
+    fit, fit_fold, validated = Registration.fit, Registration.fit_fold, part._validated
+
+    def fit_and_tell(self, *data):
+        fits.append(fit(self, *data))
+        self.limits_ = self.limits_.with_worst([Quality(0.1, 0.2, 0.3)])
+        return self
+
+    def fit_fold_and_tell(self, *data):
+        folds.append(fit_fold(self, *data))
+        return folds[-1]
+
+    def validated_and_told(deformation, *data):
+        chosen_by.append(len(deformation.deviations))
+        return validated(deformation, *data)
+
+    monkeypatch.setattr(Registration, "fit", fit_and_tell)
+    monkeypatch.setattr(Registration, "fit_fold", fit_fold_and_tell)
+    monkeypatch.setattr(part, "_validated", validated_and_told)
     learner = learner_that(confidence=skfmap.learner.CrossFitConfidence(cv=2))
     learner.fit(shapes[:4], truths[:4])
     assert [len(fits), len(folds)] == [1, 2]
+    assert chosen_by == [2, 2, 2], "once, and on shapes that the deformation was not learned from"
     whole = learner.refine_
     assert whole is fits[0]
     assert set(learner.error_models_) == {"unrefined", "refined"}
@@ -304,8 +336,8 @@ def test_a_given_stiffness_is_not_chosen(creatures, monkeypatch):
     monkeypatch.setattr(Registration, "_choose", lambda *given: 1 / 0)
     learner = learner_that(Registration(None, stiffness=3), confidence=None)
     learner.fit(shapes[:3], truths[:3])
-    part = learner.refine_
-    assert (part.stiffness_, part.choices_, part.start_) == (3.0, {}, None)
+    found = learner.refine_
+    assert (found.stiffness_, found.choices_, found.start_) == (3.0, {}, None)
     assert np.median(learner.register(shapes[5:])[0].distance) < edge_of(creatures[0][5])
 
 
@@ -315,11 +347,11 @@ def test_stiffness_keeps_the_mesh_from_being_stretched(creatures):
     for stiffness in (100.0, 0.01):
         registration = Registration(stiffness=stiffness, deformation="as-rigid-as-possible")
         learner = learner_that(registration, confidence=None).fit(shapes[:3], truths[:3])
-        part, matcher = learner.refine_, learner.matcher_
-        assert part.deformation_.modes.shape[0] == 0, "nothing was learned of shapes"
+        found, matcher = learner.refine_, learner.matcher_
+        assert found.deformation_.modes.shape[0] == 0, "nothing was learned of shapes"
         before, _ = matcher.match_points(shapes[5], matcher.solve(shapes[5]).C)
-        vertices = part.vertices_on(matcher, shapes[5].spectral, before)
-        strains.append(part.deformation_.mean.strains(vertices).mean())
+        vertices = found.vertices_on(matcher, shapes[5].spectral, before)
+        strains.append(found.deformation_.mean.strains(vertices).mean())
     assert strains[0] < 0.8 * strains[1]
 
 
@@ -424,15 +456,15 @@ def test_stiff_shapes_are_laid_within_their_noise(stiff, copies):
 def test_stiff_shapes_are_found_whatever_the_match_says(stiff, copies):
     """Space tells where to begin: with a match that is nonsense, all is the same."""
     learner, shape = stiff
-    part = copy.copy(learner.refine_)
-    part.start_ = None
+    found = copy.copy(learner.refine_)
+    found.start_ = None
     matcher = learner.matcher_
     match, _ = matcher.match_points(shape, matcher.solve(shape).C)
     rng = np.random.default_rng(1)
     nonsense = match._replace(
         p2p=rng.permutation(match.p2p), inverse=rng.permutation(match.inverse)
     )
-    laid, blind = (part.vertices_on(matcher, shape.spectral, one) for one in (match, nonsense))
+    laid, blind = (found.vertices_on(matcher, shape.spectral, one) for one in (match, nonsense))
     np.testing.assert_allclose(blind, laid, atol=1e-3)
 
 
@@ -548,7 +580,7 @@ def _subdivided(mesh, truth):
     ab, bc, ca = mesh.n_vertices + back.ravel().reshape(3, -1)
     faces = [[a, ab, ca], [ab, b, bc], [ca, bc, c], [ab, bc, ca]]
     vertices = np.concatenate([mesh.vertices, mesh.vertices[edges].mean(axis=1)])
-    faces = np.concatenate([np.stack(part, axis=1) for part in faces])
+    faces = np.concatenate([np.stack(three, axis=1) for three in faces])
     return Mesh(vertices, faces, mesh.name), truth
 
 
