@@ -1,12 +1,14 @@
 """Elastic surfaces, what is learned of deformations, and how a mesh is laid: closed forms."""
 
 import pickle
+from dataclasses import replace
 
 import numpy as np
 import pytest
 import scipy.sparse as sp
 from scipy.spatial.transform import Rotation
 
+from skfmap.functional.similarity import best_similarity
 from skfmap.geometry.closest import ClosestPoints, face_normals
 from skfmap.geometry.elasticity import ElasticSurface, nearest_rotations
 from skfmap.geometry.sphere import subdivided_octahedron
@@ -390,6 +392,45 @@ def test_nothing_is_drawn_where_nothing_was_scanned():
     np.testing.assert_allclose(np.linalg.norm(laid[below], axis=1), 1.0, atol=0.04)
     above = vertices[:, 2] > 0.2
     np.testing.assert_allclose(np.linalg.norm(laid[above], axis=1), 1.02, atol=0.01)
+
+
+def test_what_training_shapes_showed_costs_nothing(body):
+    """From the mean shape: bodies that taper as training shapes do are met the better for it."""
+    vertices, faces = body
+
+    def tapered(by):
+        return vertices * (1 + by * vertices[:, :1])
+
+    areas = vertex_areas(vertices, faces)
+    learned = Deformation.learned(vertices, faces, [tapered(by) for by in (0.2, -0.2, 0.3)])
+    unaware = replace(learned, modes=learned.modes[:0], deviations=learned.deviations[:0])
+    target, rest = ClosestPoints(tapered(0.25), faces), learned.shape_at_rest
+    start = best_similarity(rest, tapered(0.25), areas).apply(rest)
+    off = [
+        target.of(lay(one, faces, target, start, areas, stiffness=0.3)).distances.mean()
+        for one in (learned, unaware)
+    ]
+    assert off[0] < 0.6 * off[1]
+
+
+def test_vertices_are_drawn_by_their_areas():
+    vertices, faces = subdivided_octahedron(3)
+    flat = vertices * [1.0, 1.0, 0.9]
+    target, above = ClosestPoints(vertices, faces), vertices[:, 2] > 0.3
+    areas = np.where(above, 10.0, 1.0)
+    rest = Deformation.of_reference(flat, faces)
+    off = target.of(lay(rest, faces, target, flat, areas, stiffness=10.0)).distances
+    assert off[above].mean() < 0.7 * off[vertices[:, 2] < -0.3].mean()
+
+
+@pytest.mark.parametrize("away", ["inside out", "far"])
+def test_where_nothing_draws_nothing_moves(away):
+    """The inner wall of a hollow body, which is nearer than any other, and a surface elsewhere."""
+    vertices, faces = subdivided_octahedron(3)
+    wall = (0.95 * vertices, faces[:, ::-1]) if away == "inside out" else (vertices + 30, faces)
+    rest, areas = Deformation.of_reference(vertices, faces), vertex_areas(vertices, faces)
+    laid = lay(rest, faces, ClosestPoints(*wall), vertices, areas, stiffness=0.3)
+    np.testing.assert_allclose(laid, vertices, atol=1e-6)
 
 
 def test_anchors_hold_the_places_that_they_name(body):

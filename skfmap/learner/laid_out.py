@@ -46,7 +46,7 @@ def registered(
     faces = _faces(target)
     if not (spectral.keeps_vertices and target.shape.keeps_vertices):
         reach = mean_edge_length(laid.vertices, target.shape.mesh.faces) * np.sqrt(spectral.area)
-        vertices = _onto(surface, vertices, faces, reach, inwards=shape.reflected)
+        vertices = _onto(surface, vertices, faces, reach)
     return Registered(
         vertices=vertices,
         faces=faces,
@@ -100,13 +100,15 @@ def _with_detail(target: GivenReference, laid: FloatArray) -> FloatArray:
 
 
 def _onto(
-    surface: ClosestPoints, vertices: FloatArray, faces: IntArray, reach: float, *, inwards: bool
+    surface: ClosestPoints, vertices: FloatArray, faces: IntArray, reach: float
 ) -> FloatArray:
-    """Return the vertices on the surface, where it is near and its normals agree."""
+    """Return the vertices on the surface, where it is near and its normals agree.
+
+    Either mesh may have been given inside out; most vertices tell.
+    """
     near, normals = surface.of(vertices), vertex_normals(vertices, faces)
-    if inwards:
-        normals = -normals
-    agree = np.einsum("na,na->n", normals, near.normals) > _AGREES
+    cosines = np.einsum("na,na->n", normals, near.normals)
+    agree = cosines * np.sign(np.median(cosines)) > _AGREES
     moved = agree & (near.distances < reach) & ~near.on_rim
     return np.where(moved[:, None], near.points, vertices)
 

@@ -27,6 +27,8 @@ _AGREES = 0.5
 _STIFFER, _ROUNDS = 100.0, 9
 # Turns of rotations and coordinates in a round.
 _TURNS = 2
+# What holds vertices where they are, beside the surface's 1: if nothing draws, nothing moves.
+_IN_PLACE = 1e-7
 # Rounds in which folds are let go, with so many rings around them in each.
 _UNFOLDING = (1, 2, 2, 3, 3, 4, 4)
 
@@ -178,7 +180,8 @@ def _solved(
     n_turns: int,
 ) -> FloatArray:
     """Return the coordinates of least energy, rotations and coordinates by turns."""
-    matrix, pull = stiffness * elastic.stiffness, np.zeros_like(vertices)
+    matrix = stiffness * elastic.stiffness + _IN_PLACE * sp.eye_array(len(vertices))
+    pull = _IN_PLACE * vertices
     for one in drawn:
         if one is not None:
             weighted = sp.diags_array(one.weights) @ one.places

@@ -374,9 +374,18 @@ _LAID: WeakKeyDictionary[SpectralShape, dict[str, FloatArray]] = WeakKeyDictiona
 
 
 def _lay_by_pairs(spectral_0: SpectralShape, sample: _Sample) -> FloatArray:
-    """Return the reference on a training shape, by known pairs; once for all folds."""
+    """Return the reference on a training shape, by known pairs; once for all that do it alike."""
+    pairs, match = sample.pairs, sample.match
+    # Of stiff shapes the match is not asked, so that all folds have them from one another.
+    asked = () if sample.pose == "similarity" else (match.p2p, match.inverse)
     key = hash_of_arrays(
-        spectral_0.vertices, spectral_0.mesh.faces, sample.pairs.places.data, sample.pairs.points
+        spectral_0.vertices,
+        spectral_0.mesh.faces,
+        pairs.places.indices,
+        pairs.places.data,
+        pairs.points,
+        pairs.weights,
+        *asked,
     )
     known = _LAID.setdefault(sample.spectral, {})
     if key not in known:
