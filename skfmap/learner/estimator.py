@@ -103,14 +103,14 @@ class WeightedFunctionalMapLearner(CallbackSupportMixin, Versioned, BaseEstimato
         the training shapes from where they belong, or in the first p alone.
     refine : {"bijective-zoomout", "register", "icp", "zoomout"}, Refinement or None
         How point maps are refined: a word, or the object that it stands for (`skfmap.refinement`),
-        whose parameters can then be searched as ``refine__step``. ``"bijective-zoomout"`` is the
-        best of those that work on maps alone: maps of growing size, up to all eigenfunctions that `SpectralBasis` holds, each
-        fitted to the point maps of both directions, with functions weighted by what the training
-        shapes showed; errors are about half of those without. ``"zoomout"`` (Melzi et al. 2019) and
-        ``"icp"`` (Ovsjanikov et al. 2012) are as published. ``"register"``
-        (`skfmap.registration.Registration`) goes on in space, and lays the reference's mesh onto
-        each shape: errors fall by another tenth to a quarter, a match takes about a second more.
-        None: not at all.
+        whose parameters can then be searched as ``refine__step``. ``"bijective-zoomout"``, the
+        default, is the best of those that work on maps alone: maps of growing size, up to all
+        eigenfunctions that `SpectralBasis` holds, each fitted to the point maps of both directions,
+        with functions weighted by what the training shapes showed; errors are about half of those
+        without. ``"zoomout"`` (Melzi et al. 2019) and ``"icp"`` (Ovsjanikov et al. 2012) are as
+        published. ``"register"`` (`skfmap.registration.Registration`) goes on in space, and lays
+        the reference's mesh onto each shape: errors fall by another tenth to a quarter, and a match
+        takes about a second more. None: not at all.
     confidence : {"cross-fit"}, Confidence or None, default="cross-fit"
         How errors to expect are found: ``"cross-fit"`` is `CrossFitConfidence`, which learns again
         for each of three folds. None: not at all; a fit then takes a third of the time, with
