@@ -33,6 +33,8 @@ from skfmap.exceptions import (
 from skfmap.geometry.closest import ClosestPoints, face_normals
 from skfmap.geometry.normals import vertex_normals
 from skfmap.geometry.sphere import subdivided_octahedron
+from skfmap.learner import laid_out
+from skfmap.learner.given_answers import given_reference
 from skfmap.persistence import load_model, save_model
 from skfmap.refinement import BijectiveZoomOut, ZoomOut
 from skfmap.registration import Deformation, Limits, Quality, Registration, part
@@ -318,6 +320,24 @@ def test_folds_keep_what_all_shapes_chose(creatures, monkeypatch):
         assert fold.stiffness_ == whole.stiffness_ == min(whole.choices_, key=whole.choices_.get)
         assert (fold.pose_, fold.limits_.usual) == (whole.pose_, whole.limits_.usual)
         assert len(fold.deformation_.deviations) < 3, "without the shapes that were left out"
+
+
+def test_training_shapes_are_laid_by_their_known_pairs(taught, creatures):
+    """Which are met far better than the match meets them."""
+    _, truths, shapes = creatures
+    training = skfmap.learner.TrainingSet.from_samples(shapes[:3], truths[:3], n_functions=20)
+    (sample, other) = part._samples(training, taught.matcher_, None, "free")
+    reference = taught.reference_.spectral
+
+    def off(vertices):
+        return np.linalg.norm(sample.pairs.places @ vertices - sample.pairs.points, axis=1)
+
+    laid = part._lay_by_pairs(reference, sample)
+    matched = sample.spectral.vertices[sample.match.inverse]
+    assert off(laid).mean() < 0.5 * off(matched).mean()
+    width = np.sqrt(2 / len(laid))
+    assert np.median(off(laid)) < 0.5 * width, "half an edge"
+    assert not np.array_equal(laid, part._lay_by_pairs(reference, other))
 
 
 def test_expected_errors_are_of_the_size_of_the_errors(taught, creatures):
@@ -632,6 +652,18 @@ def test_a_reference_that_was_thinned_comes_back_as_it_was_given(step, creatures
     ends = ends[ends[:, 0] < n]
     longest = np.linalg.norm(one.vertices[ends[:, 0]] - one.vertices[ends[:, 1]], axis=1)
     assert np.quantile(longest, 0.99) < 2 * edge_of(meshes[5])
+
+
+def test_what_is_given_beyond_the_working_mesh_turns_with_it(creatures):
+    """A rigid motion of the working mesh is that of the given one, its loose vertices too."""
+    fine, _ = _subdivided(creatures[0][0], None)
+    given = Mesh(np.concatenate([[[90.0, 9, 9]], fine.vertices]), fine.faces + 1, "loose")
+    with pytest.warns(RepairWarning, match="loose"):
+        (shape,) = probed_of([given], max_vertices=500)
+    spectral, turn = shape.spectral, Rotation.random(random_state=2).as_matrix()
+    moved = laid_out._with_detail(given_reference(shape, [shape]), spectral.vertices @ turn.T + 3)
+    expected = given.vertices / np.sqrt(spectral.area) @ turn.T + 3
+    np.testing.assert_allclose(moved, expected, atol=1e-5)
 
 
 def test_a_thinned_shape_gets_the_mesh_onto_what_was_given(stiff, copies):
