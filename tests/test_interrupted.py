@@ -9,9 +9,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from skfmap import SpectralBasis
+from skfmap import Mesh, SpectralBasis, _working_mesh
 from skfmap.datasets import make_sphere
-from skfmap.exceptions import CacheWarning
+from skfmap.exceptions import CacheWarning, MeshError
 
 # Bases of bodies of which no two are alike; each that is computed is told.
 _WORK = """
@@ -159,3 +159,26 @@ def test_a_cache_that_cannot_be_is_said_to_be_none(tmp_path):
     (tmp_path / "file").write_text("no folder")
     with pytest.raises(ValueError, match="cannot hold a cache"):
         SpectralBasis(20, memory=str(tmp_path / "file")).transform([make_sphere(3)])
+
+
+def test_meshes_that_were_thinned_are_not_thinned_again(tmp_path, monkeypatch):
+    """A run over large meshes that ends midway goes on from the ones that it had finished."""
+    ball = make_sphere(n_subdivisions=4)
+    meshes = [Mesh(ball.vertices * [1, 1, 1 + 0.1 * i], ball.faces, f"ball{i}") for i in range(3)]
+    thinned, original = [], _working_mesh._thinned
+
+    def counted(mesh, *key):
+        thinned.append(mesh.name)
+        return original(mesh, *key)
+
+    monkeypatch.setattr(_working_mesh, "_thinned", counted)
+    basis = SpectralBasis(20, max_vertices=500, memory=str(tmp_path), on_invalid="raise")
+    flat = Mesh(np.zeros_like(ball.vertices), ball.faces, "flat")
+    with pytest.raises(MeshError, match="flat"):
+        basis.transform([*meshes[:2], flat, meshes[2]])
+    assert thinned == ["ball0", "ball1"]
+    shapes = basis.transform(meshes)
+    assert thinned == ["ball0", "ball1", "ball2"]
+    fresh = SpectralBasis(20, max_vertices=500).transform(meshes)
+    for one, other in zip(shapes, fresh, strict=True):
+        np.testing.assert_array_equal(one.mesh.vertices, other.mesh.vertices)
