@@ -402,7 +402,8 @@ class ShapeSpace(Versioned, TransformerMixin, BaseEstimator):
                 "no modes."
             )
         n_components = len(moved) - 1 if self.n_components is None else self.n_components
-        n_components = n_components if isinstance(n_components, float) else int(n_components)
+        share = isinstance(n_components, (float, np.floating))
+        n_components = float(n_components) if share else int(n_components)
         pca = PCA(n_components, svd_solver="full").fit(weighted)
         scores = weighted @ pca.components_.T
         real = np.sqrt(pca.explained_variance_) > least

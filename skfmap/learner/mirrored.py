@@ -35,6 +35,8 @@ _AGAINST = 0.1
 # bend cannot be told so: between cats the median is 0.2; with a reflection as little as 0.048 is
 # left between people, and between four-legged animals 0.76 of what is left without one.
 _STIFF, _TIMES = 0.02, 2.0
+# Pairs that it takes to tell sides: two or three lie on a line or a plane, which has none.
+_TELLING = 6
 
 
 def odd_probes(shape: ProbedShape) -> BoolArray:
@@ -140,10 +142,12 @@ def _side_in_space(
     shape: ProbedShape, reference: ProbedShape, join: JoinedPairs, known: KnownMap
 ) -> int | None:
     """Return the sign of the determinant of the similarity that explains the pairs, or None."""
+    if len(np.unique(join.points)) < _TELLING:
+        return None
     points = _places(shape.spectral, join.vertices_i)
     points_0 = _places(reference.spectral, join.vertices_0)
     left = left_by_similarities(points, points_0, known.areas)
-    if min(left) > _STIFF or max(left) < _TIMES * min(left):
+    if min(left) > _STIFF or max(left) < max(_TIMES * min(left), 1e-9):
         return None
     return 1 if left[0] < left[1] else -1
 

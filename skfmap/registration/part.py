@@ -40,6 +40,8 @@ _VALIDATED = 6
 # What similarities leave, as a share of squares, of the known pairs of stiff kinds: at most 0.006
 # between any two of 20 mandibles or 11 skulls; of cats and bodies 0.1 and more for most.
 _STIFF = 0.02
+# Pairs that it takes to tell: three of bodies that bend are explained by some similarity.
+_TELLING = 6
 # How strongly a match draws beside known pairs, which draw as much as the surface does.
 _MATCHED = 0.1
 # How often the best of several starts is matched and laid again.
@@ -102,14 +104,14 @@ class Registration(Refinement):
         What was chosen.
     choices_ : dict of float
         Mean distance, in sqrt(area), of known places from where they belong on training shapes left
-        out of the deformation, by stiffness; empty if nothing was chosen.
+        out of the deformation, by stiffness.
     limits_ : Limits
         By which a shape is told that the reference does not fit.
 
     Notes
     -----
-    Training shapes are registered by their known pairs. A shape is one that the model of
-    deformation was learned from, so it is left out for the choice of the stiffness; the match that
+    Training shapes of any weight above 0 count alike, and are registered by their known pairs. A
+    shape that the stiffness is chosen by is left out of the model of deformation; the match that
     it begins with is not learned anew.
 
     Examples
@@ -136,6 +138,11 @@ class Registration(Refinement):
 
     def check_parameters(self) -> None:
         """Raise for parameters that cannot be used."""
+        if isinstance(self.start, Registration):
+            raise ValueError(
+                "start cannot be a Registration; give another refinement, or None for the match "
+                "that was learned."
+            )
         if isinstance(self.start, Refinement):
             self.start.check_parameters()
         elif self.start is not None:
@@ -167,9 +174,9 @@ class Registration(Refinement):
         samples = _samples(training, matcher, self.start_, self.pose_)
         laid = self._learn_deformation(training, samples)
         if self.stiffness == "auto":
-            self._choose(training, samples, laid)
+            self._choose(training, samples, laid, _STIFFNESSES)
         else:
-            self.stiffness_ = float(self.stiffness)
+            self._choose(training, samples, laid, (float(self.stiffness),))
         return self
 
     def fit_fold(self, training: Any, matcher: Any) -> Self:
@@ -229,7 +236,8 @@ class Registration(Refinement):
         spectral_0 = learned.reference.spectral
         begun = match if self.start_ is None else self.start_.refine(learned, spectral, match)
         best = self._tried(spectral_0, spectral, begun)
-        if self.pose_ == "similarity" or self.limits_.allow(best[0]):
+        lies = best[0]._replace(stretched=0.0)  # another start would not stretch it less
+        if self.pose_ == "similarity" or self.limits_.allow(lies):
             return best[1]
         for other in (ICP(), ZoomOut(), None):
             begun = match if other is None else other.refine(learned, spectral, match)
@@ -271,8 +279,17 @@ class Registration(Refinement):
         self.limits_ = Limits.shown_by(self.deformation_, laid)
         return laid
 
-    def _choose(self, training: Any, samples: "Sequence[_Sample]", laid: list[FloatArray]) -> None:
-        """Choose the stiffness by training shapes that the deformation is not learned from."""
+    def _choose(
+        self,
+        training: Any,
+        samples: "Sequence[_Sample]",
+        laid: list[FloatArray],
+        stiffnesses: tuple[float, ...],
+    ) -> None:
+        """Choose the stiffness by training shapes that the deformation is not learned from.
+
+        They also say how well a reference usually lies.
+        """
         spectral_0, n = training.reference.spectral, len(samples)
         rows = np.unique(np.linspace(0, n - 1, min(n, _VALIDATED)).round().astype(int))
         arguments = (
@@ -286,6 +303,7 @@ class Registration(Refinement):
                 spectral_0,
                 samples[i],
                 self.pose_,
+                stiffnesses,
             )
             for i in rows
         )
@@ -294,8 +312,8 @@ class Registration(Refinement):
         )
         errors = np.mean([[error for error, _ in one] for one in seen], axis=0)
         best = int(np.argmin(errors))
-        self.choices_ = dict(zip(_STIFFNESSES, errors.tolist(), strict=True))
-        self.stiffness_ = _STIFFNESSES[best]
+        self.choices_ = dict(zip(stiffnesses, errors.tolist(), strict=True))
+        self.stiffness_ = stiffnesses[best]
         qualities = [
             self._quality(spectral_0, samples[i].spectral, one[best][1])
             for i, one in zip(rows, seen, strict=True)
@@ -338,10 +356,11 @@ def _sample(matcher: Any, training: Any, i: int, pose: str) -> _Sample:
     match = matcher.match_points(shape, matcher.solve(shape).C)[1]
     # Where shapes are stiff there are few pairs, and none of them are wrong because of bending.
     right = np.ones(len(known.areas), bool) if pose == "similarity" else known.areas > 0
+    draw = min(_FEW_PAIRS * right.sum(), spectral_0.mesh.n_vertices)
     pairs = Anchors(
         _place_matrix(spectral_0, join.vertices_0[right]),
         _place_matrix(shape.spectral, join.vertices_i[right]) @ shape.spectral.vertices,
-        join.weights[right] * min(_FEW_PAIRS, spectral_0.mesh.n_vertices / max(1, right.sum())),
+        join.weights[right] * (draw / max(float(join.weights[right].sum()), 1e-300)),
     )
     return _Sample(shape.spectral, match, pairs, pose)
 
@@ -357,6 +376,8 @@ def _pose(training: Any) -> str:
     """Tell whether a similarity explains the known pairs of most training shapes."""
     left = []
     for i in training.used:
+        if len(np.unique(training.joins[i].points)) < _TELLING:
+            continue
         join, spectral_0 = training.joins[i], training.reference.spectral
         points = _place_matrix(training.shapes[i].spectral, join.vertices_i)
         points_0 = _place_matrix(spectral_0, join.vertices_0)
@@ -367,9 +388,11 @@ def _pose(training: Any) -> str:
                 join.weights,
             )[0]
         )
-    return "similarity" if np.median(left) <= _STIFF else "free"
+    return "similarity" if left and np.median(left) <= _STIFF else "free"
 
 
+# Of each training shape that lives, the latest of what was laid onto it.
+_MOST_LAID = 4
 _LAID: WeakKeyDictionary[SpectralShape, dict[str, FloatArray]] = WeakKeyDictionary()
 
 
@@ -389,6 +412,8 @@ def _lay_by_pairs(spectral_0: SpectralShape, sample: _Sample) -> FloatArray:
     )
     known = _LAID.setdefault(sample.spectral, {})
     if key not in known:
+        while len(known) >= _MOST_LAID:
+            known.pop(next(iter(known)), None)
         known[key] = _by_pairs(spectral_0, sample)
     return known[key]
 
@@ -422,13 +447,17 @@ def _deformation(
 
 
 def _validated(
-    deformation: Deformation, spectral_0: SpectralShape, sample: _Sample, pose: str
+    deformation: Deformation,
+    spectral_0: SpectralShape,
+    sample: _Sample,
+    pose: str,
+    stiffnesses: tuple[float, ...],
 ) -> list[tuple[float, FloatArray]]:
     """Return, for each stiffness, how far known places are from where they belong, and vertices."""
     start = _start(deformation, spectral_0, sample.spectral, sample.match, pose)
     found, pairs = [], sample.pairs
     surface = ClosestPoints(sample.spectral.vertices, sample.spectral.mesh.faces)
-    for stiffness in _STIFFNESSES:
+    for stiffness in stiffnesses:
         vertices = _drawn(deformation, spectral_0, sample.spectral, start, stiffness)
         on_surface = surface.of(np.asarray(pairs.places @ vertices)).points
         off = np.linalg.norm(on_surface - pairs.points, axis=1)

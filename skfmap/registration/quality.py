@@ -13,11 +13,12 @@ __all__ = ["Limits", "Quality", "assess"]
 
 # Distance, in mean edges of the reference, beyond which a point is off the other surface.
 _OFF = 2.0
-# Share of edges of training shapes that are stretched less than what counts as stretched.
-_USUAL = 0.99
-# What is told of shapes that do not fit: so many times what is usual, and this share at
-# least. Cats onto horses and halves of cats are beyond by far (tests/test_registration.py).
-_TIMES, _AT_LEAST = 3.0, 0.05
+# Share of vertices of training shapes around which edges are stretched less than what counts as
+# stretched, and the least that does: a tenth, for kinds that hardly vary.
+_USUAL, _LEAST_STRAIN = 0.99, 0.1
+# What is told of shapes that do not fit: so many times what is usual, and this share at least and
+# at most. Other bodies, and halves of them, are beyond by far.
+_TIMES, _AT_LEAST, _AT_MOST = 3.0, 0.05, 0.2
 
 
 class Quality(NamedTuple):
@@ -48,8 +49,9 @@ class Limits(NamedTuple):
     @classmethod
     def shown_by(cls, deformation: Deformation, laid: Sequence[FloatArray]) -> Self:
         """Return the limits of training shapes that the reference was laid onto by known pairs."""
-        strains = [deformation.mean.strains(vertices) for vertices in laid]
-        return cls(float(np.quantile(np.concatenate(strains), _USUAL)), Quality(0.0, 0.0, 0.0))
+        strains = [_at_vertices(deformation, deformation.mean.strains(one)) for one in laid]
+        usual = float(np.quantile(np.concatenate(strains), _USUAL))
+        return cls(max(usual, _LEAST_STRAIN), Quality(0.0, 0.0, 0.0))
 
     def with_usual(self, seen: Sequence[Quality]) -> Self:
         """Return the limits with the medians of what left-out training shapes showed.
@@ -61,7 +63,7 @@ class Limits(NamedTuple):
     def allow(self, quality: Quality) -> bool:
         """Tell whether a reference that was laid onto a shape fits it."""
         return all(
-            one <= max(_AT_LEAST, _TIMES * usual)
+            one <= min(max(_AT_LEAST, _TIMES * usual), _AT_MOST)
             for one, usual in zip(quality, self.usual, strict=True)
         )
 
