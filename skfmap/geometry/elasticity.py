@@ -137,6 +137,7 @@ class ElasticSurface:
 
 def nearest_rotations(matrices: FloatArray) -> FloatArray:
     """Return the proper rotations nearest to matrices, both of shape (n, 3, 3)."""
-    stacked = np.ascontiguousarray(matrices.transpose(1, 0, 2).reshape(-1, 3))
-    found = igl.fit_rotations(stacked).reshape(3, -1, 3)
-    return np.ascontiguousarray(found.transpose(1, 2, 0))
+    # libigl has this for releases later than the oldest that is allowed.
+    U, _, Vt = np.linalg.svd(matrices)
+    U[:, :, 2] *= np.linalg.det(U @ Vt)[:, None]
+    return np.asarray(U @ Vt)
