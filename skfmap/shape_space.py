@@ -23,17 +23,16 @@ from skfmap._tools.validation import (
 from skfmap._tools.warn import warn
 from skfmap._version import Versioned
 from skfmap.exceptions import MeshError, OrientationWarning
-from skfmap.functional.similarity import best_similarity, left_by_similarities
+from skfmap.functional.similarity import MIRROR, STIFF, best_similarity, left_by_similarities
 from skfmap.geometry.faults import area_and_longest_edge
 from skfmap.shapes import Mesh, Registered
 
 __all__ = ["ShapeSpace", "stack"]
 
-_MIRROR = np.array([-1.0, 1.0, 1.0])
-# Mirror images are told where a similarity with a reflection leaves at most the first, as a share
+# Mirror images are told where a similarity with a reflection leaves at most `STIFF`, as a share
 # of squares, and one without so many times as much. Between any two of twenty mouse mandibles or
 # eleven skulls, those of one side leave 0.006 at most, and of two sides 0.013 at least.
-_STIFF, _TIMES = 0.02, 2.0
+_TIMES = 2.0
 # Deviations below this share of the mean size are rounding, and so are squares below this share.
 _ROUNDING = 1e-9
 # Scores that are as large as the largest but for rounding.
@@ -348,7 +347,7 @@ class ShapeSpace(Versioned, TransformerMixin, BaseEstimator):
     ) -> BoolArray:
         """Return which shapes are mirror images, and warn unless they are reflected."""
         left = [left_by_similarities(shape, frame.mean, frame.weights) for shape in points]
-        mirrored = np.array([a <= _STIFF and b >= max(_TIMES * a, _ROUNDING) for b, a in left])
+        mirrored = np.array([a <= STIFF and b >= max(_TIMES * a, _ROUNDING) for b, a in left])
         if self.on_mirrored == "warn" and mirrored.any():
             told = ", ".join(name for name, is_one in zip(names, mirrored, strict=True) if is_one)
             warn(
@@ -361,7 +360,7 @@ class ShapeSpace(Versioned, TransformerMixin, BaseEstimator):
     def _on_one_side(self, points: FloatArray, mirrored: BoolArray) -> FloatArray:
         if self.on_mirrored == "warn":
             return points
-        return np.where(mirrored[:, None, None], points * _MIRROR, points)
+        return np.where(mirrored[:, None, None], points * MIRROR, points)
 
     def _align_all(self, points: FloatArray) -> tuple["_Frame", FloatArray]:
         """Return the mean, and all shapes turned and shifted onto it; begin with the first."""

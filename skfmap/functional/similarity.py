@@ -6,7 +6,14 @@ import numpy as np
 
 from skfmap._tools.types import FloatArray
 
-__all__ = ["Similarity", "best_similarity", "left_by_similarities"]
+__all__ = ["MIRROR", "STIFF", "TELLING", "Similarity", "best_similarity", "left_by_similarities"]
+
+# Up to which what a similarity leaves, as a share of squares, is that of stiff shapes, and points
+# that it takes to tell. Between landmarks of any two of twenty mandibles or eleven skulls 0.006 is
+# left at most, between cats 0.2 in the median; three points of anything are explained.
+STIFF, TELLING = 0.02, 6
+# The reflection: of the first coordinate, which runs from side to side in scanners' coordinates.
+MIRROR = np.array([-1.0, 1.0, 1.0])
 
 
 class Similarity(NamedTuple):

@@ -4,6 +4,7 @@ import numpy as np
 from scipy.spatial import KDTree
 
 from skfmap._tools.types import FloatArray, IntArray
+from skfmap.functional.similarity import MIRROR
 from skfmap.geometry.closest import ClosestPoints
 from skfmap.geometry.elasticity import ElasticSurface, nearest_rotations
 from skfmap.geometry.faults import sound_faces
@@ -41,7 +42,7 @@ def registered(
     laid = registration.lay(matcher, spectral, before)
     vertices = _with_detail(target, laid.vertices) * np.sqrt(spectral.area)
     if shape.reflected:
-        vertices = vertices * [-1.0, 1.0, 1.0]
+        vertices = vertices * MIRROR
     surface = ClosestPoints(*_given(spectral))
     faces = _faces(target)
     if not (spectral.keeps_vertices and target.shape.keeps_vertices):

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 
 from skfmap._tools.types import BoolArray, FloatArray, IntArray
-from skfmap.functional.similarity import left_by_similarities
+from skfmap.functional.similarity import MIRROR, STIFF, TELLING, left_by_similarities
 from skfmap.ground_truth import KnownMap
 from skfmap.shapes import (
     GivenMesh,
@@ -23,8 +23,6 @@ _ODD = "oriented"
 # Families whose names begin so hold coordinates; of these, the functions whose names end so change
 # sign under `mirror_image`.
 _COORDINATES, _NEGATED = "coordinates", ("[x]", "[normal_x]")
-# The reflection: of the first coordinate, which runs from side to side in scanners' coordinates.
-_MIRROR = np.array([-1.0, 1.0, 1.0])
 
 # Correlation of oriented probes with their images under the known map; that of sound TOSCA shapes
 # is 0.3 to 0.9.
@@ -34,9 +32,7 @@ _AGAINST = 0.1
 # 0.0133 and more, and 3.6 times as much at least, although mandibles are nearly flat. Bodies that
 # bend cannot be told so: between cats the median is 0.2; with a reflection as little as 0.048 is
 # left between people, and between four-legged animals 0.76 of what is left without one.
-_STIFF, _TIMES = 0.02, 2.0
-# Pairs that it takes to tell sides: two or three lie on a line or a plane, which has none.
-_TELLING = 6
+_TIMES = 2.0
 
 
 def odd_probes(shape: ProbedShape) -> BoolArray:
@@ -110,7 +106,7 @@ def _image(spectral: SpectralShape) -> SpectralShape:
         places = Prolongation(places.face, places.coordinates[:, ::-1])
     return replace(
         spectral,
-        mesh=Mesh(mesh.vertices * _MIRROR, mesh.faces[:, [0, 2, 1]], mesh.name),
+        mesh=Mesh(mesh.vertices * MIRROR, mesh.faces[:, [0, 2, 1]], mesh.name),
         prolongation=places,
         given=given,
     )
@@ -142,12 +138,12 @@ def _side_in_space(
     shape: ProbedShape, reference: ProbedShape, join: JoinedPairs, known: KnownMap
 ) -> int | None:
     """Return the sign of the determinant of the similarity that explains the pairs, or None."""
-    if len(np.unique(join.points)) < _TELLING:
+    if len(np.unique(join.points)) < TELLING:
         return None
     points = _places(shape.spectral, join.vertices_i)
     points_0 = _places(reference.spectral, join.vertices_0)
     left = left_by_similarities(points, points_0, known.areas)
-    if min(left) > _STIFF or max(left) < max(_TIMES * min(left), 1e-9):
+    if min(left) > STIFF or max(left) < max(_TIMES * min(left), 1e-9):
         return None
     return 1 if left[0] < left[1] else -1
 

@@ -15,7 +15,13 @@ from skfmap._tools.types import FloatArray
 from skfmap._tools.validation import check_choice, check_number
 from skfmap.functional.neighbours import nearest_both
 from skfmap.functional.refinement import map_from_point_maps
-from skfmap.functional.similarity import Similarity, best_similarity, left_by_similarities
+from skfmap.functional.similarity import (
+    STIFF,
+    TELLING,
+    Similarity,
+    best_similarity,
+    left_by_similarities,
+)
 from skfmap.geometry.closest import ClosestPoints
 from skfmap.geometry.normals import vertex_normals
 from skfmap.refinement import ICP, REFINEMENTS, Learned, PointMatch, Refinement, ZoomOut
@@ -37,11 +43,6 @@ _OF_TRAINING = 0.3
 _FEW_PAIRS = 10.0
 # Training shapes that are left out in turn for the choice, at most.
 _VALIDATED = 6
-# What similarities leave, as a share of squares, of the known pairs of stiff kinds: at most 0.006
-# between any two of 20 mandibles or 11 skulls; of cats and bodies 0.1 and more for most.
-_STIFF = 0.02
-# Pairs that it takes to tell: three of bodies that bend are explained by some similarity.
-_TELLING = 6
 # How strongly a match draws beside known pairs, which draw as much as the surface does.
 _MATCHED = 0.1
 # How often the best of several starts is matched and laid again.
@@ -376,7 +377,7 @@ def _pose(training: Any) -> str:
     """Tell whether a similarity explains the known pairs of most training shapes."""
     left = []
     for i in training.used:
-        if len(np.unique(training.joins[i].points)) < _TELLING:
+        if len(np.unique(training.joins[i].points)) < TELLING:
             continue
         join, spectral_0 = training.joins[i], training.reference.spectral
         points = _place_matrix(training.shapes[i].spectral, join.vertices_i)
@@ -388,7 +389,7 @@ def _pose(training: Any) -> str:
                 join.weights,
             )[0]
         )
-    return "similarity" if left and np.median(left) <= _STIFF else "free"
+    return "similarity" if left and np.median(left) <= STIFF else "free"
 
 
 # Of each training shape that lives, the latest of what was laid onto it.
