@@ -14,12 +14,21 @@ from skfmap.learner import (
     match,
     register,
 )
-from skfmap.shapes import Correspondence, Match, Mesh, ProbedShape, Registered, SpectralShape
+from skfmap.shapes import (
+    Correspondence,
+    Landmarks,
+    Match,
+    Mesh,
+    ProbedShape,
+    Registered,
+    SpectralShape,
+)
 
 __all__ = [
     "BridgedLearner",
     "Correspondence",
     "DescriptorTransformer",
+    "Landmarks",
     "Match",
     "Mesh",
     "ProbedShape",

@@ -5,6 +5,7 @@ Meshes, shapes in a basis, correspondences, matches.
 
 from skfmap.shapes.correspondence import Correspondence, JoinedPairs, _correspondence  # noqa: F401 - pickles of 0.1.0
 from skfmap.shapes.given_mesh import GivenMesh
+from skfmap.shapes.landmarks import Landmarks
 from skfmap.shapes.match import Match
 from skfmap.shapes.mesh import Mesh
 from skfmap.shapes.probed_shape import ProbedShape
@@ -17,6 +18,7 @@ __all__ = [
     "Correspondence",
     "GivenMesh",
     "JoinedPairs",
+    "Landmarks",
     "Match",
     "Mesh",
     "ProbedShape",

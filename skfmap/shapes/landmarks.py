@@ -1,0 +1,158 @@
+"""Named points of one shape."""
+
+from dataclasses import dataclass, field
+from typing import Any, Self
+
+import numpy as np
+import numpy.typing as npt
+
+from skfmap._tools.types import BoolArray, FloatArray
+from skfmap._tools.validation import as_reals, read_only
+from skfmap.exceptions import CorrespondenceError
+
+__all__ = ["Landmarks"]
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Landmarks:
+    """Named points of one shape, placed by hand or predicted.
+
+    Parameters
+    ----------
+    points : array-like of shape (n_landmarks, 3)
+        Coordinates, in the units and the system of the shape's mesh. Copied. A row of NaN is a
+        landmark that is missing on this shape.
+    names : sequence of str, optional
+        One for each, all different; ``"1"``, ``"2"``, ... by default. Landmarks of the same name
+        correspond.
+    name : str, optional
+        Of the shape.
+    expected_error : array-like of shape (n_landmarks,), optional
+        Distance to expect between each point and where an observer would put it, in the units of
+        the mesh; None where they were not predicted.
+    radius : array-like of shape (n_landmarks,), optional
+        Of the ball around each point that holds the observer's as often as ``coverage`` says, in
+        the units of the mesh; None where there is none to promise.
+    coverage : float, optional
+        What ``radius`` promises, for instance 0.9.
+
+    Raises
+    ------
+    CorrespondenceError
+        If the numbers of points, names and errors differ, a name stands twice, or a coordinate is
+        infinite or known in part.
+
+    Examples
+    --------
+    >>> from skfmap import Landmarks
+    >>> marks = Landmarks([[0.0, 0, 0], [1, 2, 3]], ["nose", "chin"], name="specimen")
+    >>> marks
+    Landmarks('specimen', n_landmarks=2)
+    >>> marks.point("chin").tolist()
+    [1.0, 2.0, 3.0]
+    """
+
+    points: FloatArray
+    names: tuple[str, ...] = ()
+    name: str | None = field(default=None, kw_only=True)
+    expected_error: FloatArray | None = field(default=None, kw_only=True)
+    radius: FloatArray | None = field(default=None, kw_only=True)
+    coverage: float | None = field(default=None, kw_only=True)
+
+    def __init__(
+        self,
+        points: npt.ArrayLike,
+        names: Any = None,
+        *,
+        name: str | None = None,
+        expected_error: npt.ArrayLike | None = None,
+        radius: npt.ArrayLike | None = None,
+        coverage: float | None = None,
+    ) -> None:
+        at = _points(points)
+        errors = {"expected_error": expected_error, "radius": radius}
+        for what, values in {
+            "points": at,
+            "names": _names(names, len(at)),
+            "name": name,
+            "coverage": coverage,
+            **{which: _one_each(one, len(at), which) for which, one in errors.items()},
+        }.items():
+            object.__setattr__(self, what, values)
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Pickle so that copies are checked and immutable too."""
+        more = ("name", "expected_error", "radius", "coverage")
+        return _landmarks, (self.points, self.names, {what: getattr(self, what) for what in more})
+
+    def __deepcopy__(self, memo: object) -> Self:
+        """Return the landmarks themselves: they cannot change."""
+        return self
+
+    def __repr__(self) -> str:
+        """Return a line with the shape's name and counts."""
+        missing = int((~self.placed).sum())
+        says = f", {missing} missing" if missing else ""
+        if self.expected_error is not None and self.placed.any():
+            says += f", mean expected error {np.nanmean(self.expected_error):.3g}"
+        return f"Landmarks({self.name!r}, n_landmarks={len(self.names)}{says})"
+
+    @property
+    def placed(self) -> BoolArray:
+        """Which landmarks this shape has, an array of shape (n_landmarks,)."""
+        return np.asarray(np.isfinite(self.points).all(axis=1))
+
+    def point(self, name: str) -> FloatArray:
+        """Return the coordinates of one landmark, of shape (3,).
+
+        Raises
+        ------
+        KeyError
+            If there is no landmark of that name.
+        """
+        if name not in self.names:
+            raise KeyError(f"There is no landmark {name!r}; there are {', '.join(self.names)}.")
+        return self.points[self.names.index(name)]
+
+
+def _points(points: npt.ArrayLike) -> FloatArray:
+    array = as_reals(points, "points", CorrespondenceError)
+    if array.ndim != 2 or array.shape[1] != 3:
+        raise CorrespondenceError(
+            f"points must have three coordinates in each row; got shape {array.shape}."
+        )
+    unknown = np.isnan(array)
+    odd = np.isinf(array).any(axis=1) | (unknown.any(axis=1) & ~unknown.all(axis=1))
+    if odd.any():
+        raise CorrespondenceError(
+            f"Row {int(np.flatnonzero(odd)[0])} of points is infinite or known in part; give three "
+            "numbers, or three times NaN where the landmark is missing."
+        )
+    return read_only(array)
+
+
+def _names(names: Any, n_points: int) -> tuple[str, ...]:
+    if isinstance(names, str):
+        raise CorrespondenceError(f"names must be a sequence of names; got the text {names!r}.")
+    given = [str(i + 1) for i in range(n_points)] if names is None else [str(n) for n in names]
+    if len(given) != n_points:
+        raise CorrespondenceError(f"There are {n_points} points but {len(given)} names.")
+    if twice := sorted({name for name in given if given.count(name) > 1}):
+        raise CorrespondenceError(f"Several landmarks have one name: {', '.join(twice)}.")
+    return tuple(given)
+
+
+def _one_each(values: Any, n_points: int, what: str) -> FloatArray | None:
+    if values is None:
+        return None
+    array = as_reals(values, what, CorrespondenceError)
+    if array.shape != (n_points,):
+        raise CorrespondenceError(
+            f"{what} must have one entry for each of the {n_points} points; got shape "
+            f"{array.shape}."
+        )
+    return read_only(array)
+
+
+def _landmarks(points: FloatArray, names: tuple[str, ...], more: dict[str, Any]) -> Landmarks:
+    return Landmarks(points, names, **more)
