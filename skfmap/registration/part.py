@@ -361,7 +361,7 @@ def _sample(matcher: Any, training: Any, i: int, pose: str) -> _Sample:
     join = training.joins[i].take(right)
     pairs = Anchors(
         spectral_0.place_matrix(join.vertices_0, join.places_0),
-        shape.spectral.place_matrix(join.vertices_i, join.places_i) @ shape.spectral.vertices,
+        shape.spectral.vertices_at(join.vertices_i, join.places_i),
         join.weights * (draw / max(float(join.weights.sum()), 1e-300)),
     )
     return _Sample(shape.spectral, match, pairs, pose)
@@ -375,13 +375,9 @@ def _pose(training: Any) -> str:
             continue
         join, spectral_0 = training.joins[i], training.reference.spectral
         spectral = training.shapes[i].spectral
-        points = spectral.place_matrix(join.vertices_i, join.places_i)
-        points_0 = spectral_0.place_matrix(join.vertices_0, join.places_0)
-        left.append(
-            left_by_similarities(
-                points @ spectral.vertices, points_0 @ spectral_0.vertices, join.weights
-            )[0]
-        )
+        points = spectral.vertices_at(join.vertices_i, join.places_i)
+        points_0 = spectral_0.vertices_at(join.vertices_0, join.places_0)
+        left.append(left_by_similarities(points, points_0, join.weights)[0])
     return "similarity" if left and np.median(left) <= STIFF else "free"
 
 
