@@ -16,8 +16,10 @@ from skfmap.datasets import make_sphere
 from skfmap.exceptions import CorrespondenceError, MeshError
 from skfmap.geometry.closest import nearest_places
 from skfmap.ground_truth import ground_truth_maps
+from skfmap.learner.training_set import TrainingSet
 from skfmap.metrics import GeodesicDistances, geodesic_error, pair_errors, reference_distances
 from skfmap.persistence import load_model, save_model
+from skfmap.registration.part import _samples
 from skfmap.shapes import JoinedPairs, SurfacePlaces
 from skfmap.shapes.correspondence import _correspondence
 
@@ -248,6 +250,7 @@ def test_what_is_no_mesh_or_no_points_is_refused():
         ({"places": ([[0, 1, -2]], [[1, 0, 0]])}, "negative index"),
         ({"places": ([[0, 1, 2]], [[0.2, 0.5, 0.3]])}, "most weight at another corner"),
         ({"names": "nose"}, "sequence of texts"),
+        ({"names": 5}, "sequence of texts"),
         ({"names": ["nose", "nose"]}, "have one name: nose"),
         ({"names": []}, "There are 0 names"),
         ({"coordinates": [[0, 0, np.nan]]}, "coordinates must be finite"),
@@ -288,6 +291,24 @@ def test_names_that_cannot_be_joined_are_an_error_that_tells_them():
         named.join(Correspondence([[1, 0]], names=["chin", "ear"]))
 
 
+def test_numbers_by_names_leave_out_what_is_not_listed():
+    truth = Correspondence(
+        [[5, 0], [6, 1], [7, 2]],
+        [[6, 0], [5, 1]],
+        weights=[1, 2, 3],
+        symmetric_weights=[4, 5],
+        names=["left", "right", "tip"],
+    )
+    found = truth.number_by(["tip", "right", "ear"])
+    assert found.pairs.tolist() == [[6, 1], [7, 0]]
+    assert found.weights.tolist() == [2, 3]
+    assert found.symmetric_pairs.tolist() == [[5, 1]]
+    assert found.symmetric_weights.tolist() == [5]
+    assert found.known_names == ("tip", "right")
+    with pytest.raises(CorrespondenceError, match="in common: ear against left, right, tip"):
+        truth.number_by(["ear"])
+
+
 def test_restriction_takes_names(named):
     truth = named[0]
     some = truth.restrict(["L3", "L7"])
@@ -297,6 +318,7 @@ def test_restriction_takes_names(named):
     np.testing.assert_array_equal(some.pairs, truth.restrict(numbers).pairs)
     np.testing.assert_array_equal(some.distance, truth.restrict(numbers).distance)
     assert truth.restrict("L3").known_names == ("L3",)
+    assert set(truth.restrict(np.array(["L3", "L7"], dtype=object)).known_names) == {"L3", "L7"}
     with pytest.raises(CorrespondenceError, match="called ear; there are L"):
         truth.restrict(["ear"])
     with pytest.raises(CorrespondenceError, match="have no names"):
@@ -527,3 +549,30 @@ def test_errors_that_are_learned_from_are_those_of_places(make_bodies):
     learner.fit(shapes, [truth, truth])
     assert learner.confidence_.training_errors_[1] == pytest.approx(0, abs=1e-6)
     assert -learner.score(shapes[1:], [truth]) == pytest.approx(0, abs=1e-6)
+
+
+def test_places_of_a_thinned_mesh_are_means_over_the_places_of_their_corners(collection):
+    mesh = collection.meshes[0]
+    truth = Correspondence.from_points(on_faces(mesh, 20), mesh)
+    spectral = SpectralBasis(12, max_vertices=300).transform([mesh])[0]
+    assert not spectral.keeps_vertices
+    found = spectral.vertices_at(truth.pairs[:, 0], truth.places)
+    corners = spectral.vertices_at(truth.places.corners.ravel()).reshape(-1, 3, 3)
+    expected = np.einsum("nc,ncd->nd", truth.places.weights, corners)
+    np.testing.assert_allclose(found, expected, atol=1e-12)
+    off = np.linalg.norm(found * np.sqrt(spectral.area) - truth.coordinates, axis=1)
+    assert off.max() < 0.1
+
+
+def test_a_registration_is_drawn_to_places(collection, probed, named):
+    """From the landmarks on the reference to those on the shape, not to vertices beside them."""
+    learner = skfmap.WeightedFunctionalMapLearner(n_functions=15, confidence=None, refine=None)
+    learner.fit(probed[:3], named[:3])
+    training = TrainingSet.from_samples(probed[:3], named[:3], n_functions=15)
+    drawn = _samples(training, learner.matcher_, None, "similarity")[0].pairs
+    for which, found in ((1, drawn.points), (0, drawn.places @ probed[0].spectral.vertices)):
+        truth, mesh = named[which].number_by(named[0].names), collection.meshes[which]
+        order = np.argsort(truth.pairs[:, 1])
+        expected = positions(truth, mesh.vertices)[order] / np.sqrt(mesh.area)
+        joined = training.joins[0].points
+        np.testing.assert_allclose(found, expected[joined], atol=1e-9)
