@@ -227,8 +227,7 @@ class TrainingSet:
         """
         shape, truth, join = self.shapes[i].spectral, self.truths[i], self.joins[i]
         if truth.coordinates is None:
-            places = shape.place_matrix(join.vertices_i, join.places_i)
-            return np.asarray(places @ shape.vertices)
+            return shape.vertices_at(join.vertices_i, join.places_i)
         order = np.argsort(truth.pairs[:, 1])
         rows = order[np.searchsorted(truth.pairs[order, 1], join.points)]
         measured = truth.coordinates[rows] / np.sqrt(shape.area)

@@ -387,13 +387,9 @@ def _pose(training: Any) -> str:
             continue
         join, spectral_0 = training.joins[i], training.reference.spectral
         spectral = training.shapes[i].spectral
-        points = spectral.place_matrix(join.vertices_i, join.places_i)
-        points_0 = spectral_0.place_matrix(join.vertices_0, join.places_0)
-        left.append(
-            left_by_similarities(
-                points @ spectral.vertices, points_0 @ spectral_0.vertices, join.weights
-            )[0]
-        )
+        points = spectral.vertices_at(join.vertices_i, join.places_i)
+        points_0 = spectral_0.vertices_at(join.vertices_0, join.places_0)
+        left.append(left_by_similarities(points, points_0, join.weights)[0])
     return "similarity" if left and np.median(left) <= STIFF else "free"
 
 
