@@ -1,17 +1,19 @@
-"""Landmarks that were placed by hand, in files of 3D Slicer."""
+"""Landmarks that were placed by hand, in files beside the meshes."""
 
-import json
+import re
 from pathlib import Path
 
 import numpy as np
 from scipy.spatial import KDTree
 
 from skfmap._tools.types import FloatArray, IntArray
-from skfmap._tools.validation import is_finite
 from skfmap.exceptions import CorrespondenceError
-from skfmap.shapes import Mesh
+from skfmap.io.landmarks import LANDMARK_SUFFIXES, open_landmarks
+from skfmap.io.tables import is_table_of_points
+from skfmap.io.texts import MARKS, moved
+from skfmap.shapes import Landmarks, Mesh
 
-__all__ = ["nearest_vertices", "read_mrk_json"]
+__all__ = ["landmark_files", "landmarks_on", "nearest_vertices", "only_one"]
 
 # Share of the mesh's extent that the middle one of its landmarks may be away from it; those of
 # mouse skulls are at 0.002.
@@ -20,29 +22,65 @@ _AWAY = 0.05
 _BESIDE, _NEARER = 0.01, 5.0
 
 
-def read_mrk_json(path: Path) -> dict[str, FloatArray]:
-    """Return the position of each landmark of a ``.mrk.json`` file by its label.
+def landmark_files(paths: list[Path]) -> list[list[Path]]:
+    """Return the files of landmarks beside each mesh, by their names.
 
-    In the coordinates of the file; landmarks that were not placed are left out.
+    A file that fits the names of two meshes (``cat_points.csv`` those of ``cat`` and
+    ``cat_points``) belongs to the longer one; letters of another case are as good where no name
+    fits exactly.
     """
-    try:
-        (markup,) = json.loads(path.read_text(encoding="utf-8"))["markups"]
-        points = [
-            (str(point.get("label") or i), point["position"])
-            for i, point in enumerate(markup["controlPoints"], start=1)
-            if point.get("positionStatus", "defined") == "defined"
-        ]
-        positions = np.array([position for _, position in points], dtype=np.float64).reshape(-1, 3)
-    except (ValueError, KeyError, TypeError, AttributeError) as error:
+    stems = [path.stem for path in paths]
+    suffixes = "|".join(re.escape(suffix) for suffix in LANDMARK_SUFFIXES)
+    fits = {
+        stem: re.compile(f"{re.escape(stem)}(?:{MARKS})?(?:{suffixes})", re.IGNORECASE)
+        for stem in stems
+    }
+    found: dict[str, list[Path]] = {stem: [] for stem in stems}
+    for file in sorted(paths[0].parent.iterdir()):
+        owners = [stem for stem in stems if fits[stem].fullmatch(file.name)]
+        if owners and file.is_file() and _may_hold_points(file, owners):
+            best = max(owners, key=lambda stem: (len(stem), file.name.startswith(stem)))
+            found[best].append(file)
+    return [_exact(found[stem], stem) for stem in stems]
+
+
+def _may_hold_points(file: Path, owners: list[str]) -> bool:
+    """Return False for NAME.txt of two columns: vertex and template point."""
+    is_plain = file.suffix.lower() == ".txt" and file.stem.lower() in map(str.lower, owners)
+    return not is_plain or is_table_of_points(file)
+
+
+def _exact(files: list[Path], stem: str) -> list[Path]:
+    exact = [file for file in files if file.name.startswith(stem)]
+    return exact or files
+
+
+def only_one(files: list[Path], mesh: Path) -> Path:
+    """Return the file of a mesh's landmarks; raise where there are several."""
+    if len(files) > 1:
         raise CorrespondenceError(
-            f"{path} cannot be read as one list of points of 3D Slicer: {type(error).__name__}: "
-            f"{error}."
-        ) from error
-    labels = [name for name, _ in points]
-    if twice := sorted({name for name in labels if labels.count(name) > 1}):
-        raise CorrespondenceError(f"{path} has several points of one name: {', '.join(twice)}.")
-    known = is_finite(positions)
-    return {name: at for name, at, yes in zip(labels, positions, known, strict=True) if yes}
+            f"{mesh} has {len(files)} files of landmarks beside it: "
+            f"{', '.join(file.name for file in files)}. Keep the one that is meant."
+        )
+    return files[0]
+
+
+def landmarks_on(path: Path, mesh: Mesh) -> tuple[Landmarks, IntArray, str, str]:
+    """Return the landmarks of a file, in the system of the mesh, and the vertices nearest to them.
+
+    Of those that were placed; and what was done that nobody asked for, and what the file asks for.
+    """
+    landmarks, system, note = open_landmarks(path)
+    placed = landmarks.points[landmarks.placed]
+    if not len(placed):
+        raise CorrespondenceError(
+            f"{path} holds no landmark that was placed. Place them, or leave {mesh.name!r} out."
+        )
+    vertices, turned = nearest_vertices(placed, mesh, path)
+    points = landmarks.points * [-1, -1, 1] if turned else landmarks.points
+    said = f"; the file says {system}" if system else ""
+    done = f"landmarks of {path.name} were taken with {turned}{said}" if turned else ""
+    return moved(landmarks, points, mesh.name), vertices, done, note
 
 
 def nearest_vertices(points: FloatArray, mesh: Mesh, path: Path) -> tuple[IntArray, str]:
