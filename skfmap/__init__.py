@@ -55,6 +55,7 @@ _SUBMODULES = (
     "ground_truth",
     "health",
     "io",
+    "landmarks",
     "learner",
     "metrics",
     "model_selection",
