@@ -14,7 +14,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 from skfmap import Landmarks, Mesh
 from skfmap.datasets import load_collection, make_sphere
-from skfmap.datasets._landmark_files import nearest_vertices
+from skfmap.datasets._landmark_files import landmarks_on
 from skfmap.exceptions import CorrespondenceError, RepairWarning, SkippedShapeWarning
 from skfmap.io import read_landmarks, write_landmarks, write_mesh
 from skfmap.persistence import TRUSTED_TYPES
@@ -549,7 +549,7 @@ def test_a_file_belongs_to_the_mesh_with_the_longest_name(tmp_path):
         ),
         (
             _mrk([(f"L{j}", [50 + j / 1000, 50, 50], "defined") for j in range(9)]),
-            r"do not lie on 'body1'.*Another unit",
+            r"The landmarks do not lie on shape 'body1'.*Another specimen",
         ),
     ],
 )
@@ -565,13 +565,52 @@ def test_a_file_with_a_fault_is_named(folder, placed, content, message):
 
 
 def test_landmarks_that_lie_on_the_mesh_as_they_are_are_not_turned(tmp_path):
-    """An egg is nearly its own image when it is turned by half."""
+    """An egg is its own image when it is turned by half; one point is off by half its size."""
     ball = make_sphere(n_subdivisions=3)
     egg = Mesh(ball.vertices * [1, 1.3, 1.7], ball.faces, "egg")
     at = np.random.default_rng(0).choice(egg.n_vertices, 20, replace=False)
-    vertices, turned = nearest_vertices(egg.vertices[at] + 0.005, egg, tmp_path / "egg.mrk.json")
-    assert turned == ""
-    assert_array_equal(vertices, at)
+    points = egg.vertices[at] + 0.005
+    write_landmarks(Landmarks(points), tmp_path / "egg.fcsv")
+    found = landmarks_on(tmp_path / "egg.fcsv", egg)
+    assert found.turned == ""
+    assert_array_equal(found.landmarks.points, points)
+    assert found.truth.distance.max() < 0.01
+    points[3] *= 3
+    write_landmarks(Landmarks(points), tmp_path / "egg.fcsv", overwrite=True)
+    with pytest.raises(CorrespondenceError, match=r"egg\.fcsv: .*these landmarks lie farther.*'4'"):
+        landmarks_on(tmp_path / "egg.fcsv", egg)
+
+
+def test_a_landmark_lies_between_vertices(tmp_path):
+    ball = make_sphere(n_subdivisions=2)
+    weights = np.array([0.2, 0.3, 0.5])
+    points = np.einsum("j,ijk->ik", weights, ball.vertices[ball.faces[:9]])
+    for i in range(2):
+        write_mesh(ball, tmp_path / f"ball{i}.off")
+        write_landmarks(Landmarks(points), tmp_path / f"ball{i}.pp")
+    data = load_collection(tmp_path)
+    places = data.correspondences[1].places
+    met = np.einsum("ij,ijk->ik", places.weights, ball.vertices[places.corners])
+    assert_allclose(met, points, atol=1e-12)
+    assert_allclose(np.sort(places.weights, axis=1), np.tile(weights, (9, 1)), atol=1e-9)
+
+
+def test_points_of_one_name_have_one_number_in_all_correspondences(folder, placed):
+    for i in range(3):
+        write_landmarks(placed(i, lacking=range(i)), folder / f"body{i}.csv")
+    truths = load_collection(folder).correspondences
+    assert {truth.names for truth in truths} == {placed(0).names}
+    assert set(truths[2].known_names) == {f"L{j}" for j in range(2, 40)}
+
+
+def test_landmarks_without_a_name_in_common_are_refused(folder, placed):
+    """3D Slicer calls points after their list, which is often called after the specimen."""
+    for i in range(3):
+        names = [f"{'F' if i < 2 else 'tom'}-{j}" for j in range(40)]
+        write_landmarks(Landmarks(placed(i).points, names), folder / f"body{i}.fcsv")
+    message = "'body2' has no landmark of the same name as 'body0': tom-0, .* against F-0, .*alike"
+    with pytest.raises(CorrespondenceError, match=message):
+        load_collection(folder)
 
 
 # Landmarks themselves

@@ -48,8 +48,9 @@ def load_collection(
       ``NAME.fcsv``, ``NAME.mrk.json``, ``NAME_picked_points.pp``, ``NAME.tps``, ``NAME.pts``,
       ``NAME.csv``, ``NAME.tsv``, and ``NAME.txt`` with three columns or more. Behind ``NAME`` may
       stand ``_Landmarks``, ``_LM``, ``_points``, ``_markups`` or ``_fiducials``, in letters of any
-      case. Each landmark is taken to the vertex nearest to it, and those of the same name
-      correspond. One that is missing on a mesh is missing there only.
+      case. Each landmark is put onto the surface where it is nearest
+      (`Correspondence.from_points`), and those of the same name correspond. One that is missing on
+      a mesh is missing there only.
 
     If no mesh has any of them and all meshes have the same faces, vertices correspond by their
     number.
@@ -122,15 +123,10 @@ def load_collection(
     paths = _mesh_paths(folder, pattern, reference)
     names = [path.stem for path in paths]
     modes = [_REFERENCE[on_invalid], *[on_invalid] * (len(paths) - 1)]
-    labels: dict[str, int] = {}
     marked = landmark_files(paths)
-    read = [
-        _read(path, files, one, labels)
-        for path, files, one in zip(paths, marked, modes, strict=True)
-    ]
+    read = [_read(path, files, one) for path, files, one in zip(paths, marked, modes, strict=True)]
     meshes = [one.mesh for one in read]
-    found = [one.truth for one in read]
-    beside = any(truth is not None for truth in found)
+    beside = any(one.truth is not None for one in read)
     faults = _missing_or_odd(paths, read) if beside else _other_faces(read, folder)
     for i, fault in faults.items():
         if on_invalid != "skip" or i == 0:
@@ -140,7 +136,7 @@ def load_collection(
     warn_of_skipped(meshes)
     sound = [i for i, mesh in enumerate(meshes) if not isinstance(mesh, SkippedShape)]
     if beside:
-        correspondences = [(found[i] if i in sound else None) or _NONE for i in range(len(meshes))]
+        correspondences = _numbered_alike(read, sound)
         counts = [len(correspondences[i].pairs) for i in sound]
         n_symmetric = sum(truth.has_symmetric for truth in correspondences)
         how = (
@@ -163,6 +159,8 @@ def load_collection(
 
 
 _LARGEST = 2**53  # whole numbers beyond are not exact as floats, which text is read as
+
+_MOST = 8  # names that a message lists
 
 _NO_FACES = np.empty((0, 3), dtype=np.int64)
 
@@ -190,11 +188,10 @@ class _Read(NamedTuple):
     note: str = ""
 
 
-def _read(path: Path, marked: list[Path], on_invalid: str, labels: dict[str, int]) -> _Read:
+def _read(path: Path, marked: list[Path], on_invalid: str) -> _Read:
     """Return a mesh and where it lies on the template; a skipped shape if it cannot be read.
 
-    ``marked`` are files of landmarks beside it. ``labels`` holds the template point of each named
-    landmark, and takes up new ones.
+    ``marked`` are files of landmarks beside it.
     """
     try:
         arrays = read_arrays(path)
@@ -203,24 +200,30 @@ def _read(path: Path, marked: list[Path], on_invalid: str, labels: dict[str, int
         read = _Read(mesh, truth, arrays[1], done, source=_source(file, path.stem))
         if truth is not None or not marked:
             return read
-        return _with_landmarks(read, mesh, only_one(marked, path), labels)
+        return _with_landmarks(read, mesh, only_one(marked, path))
     except (MeshError, CorrespondenceError, OSError) as error:
         if on_invalid != "skip":
             raise
         return _Read(SkippedShape(path.stem, str(error), n_vertices_of(path)))
 
 
-def _with_landmarks(read: _Read, mesh: Mesh, file: Path, labels: dict[str, int]) -> _Read:
-    landmarks, vertices, turned, note = landmarks_on(file, mesh)
-    names = [name for name, yes in zip(landmarks.names, landmarks.placed, strict=True) if yes]
-    template = [labels.setdefault(name, len(labels)) for name in names]
+def _with_landmarks(read: _Read, mesh: Mesh, file: Path) -> _Read:
+    on = landmarks_on(file, mesh)
     return read._replace(
-        truth=Correspondence(np.column_stack([vertices, template])),
-        done=", ".join(one for one in (read.done, turned) if one),
-        landmarks=landmarks,
+        truth=on.truth,
+        done=", ".join(one for one in (read.done, on.turned) if one),
+        landmarks=on.landmarks,
         source=_source(file, str(mesh.name)),
-        note=note,
+        note=on.note,
     )
+
+
+def _numbered_alike(read: list[_Read], sound: list[int]) -> list[Correspondence]:
+    """Return the correspondences, template points of one name having one number in all of them."""
+    marks = [read[i].landmarks for i in sound]
+    names = list(dict.fromkeys(name for one in marks if one is not None for name in one.names))
+    out = [(one.truth if i in sound else None) or _NONE for i, one in enumerate(read)]
+    return [truth if truth.names is None else truth.number_by(names) for truth in out]
 
 
 def _source(file: Path | None, stem: str) -> str:
@@ -334,6 +337,8 @@ def _missing_or_odd(paths: list[Path], read: list[_Read]) -> dict[int, str]:
     by = ("points by number", "landmarks by name")
     for i in sound:
         by_name = read[i].landmarks is not None
+        if i not in faults and (fault := _no_common_name(read[i], read[0])):
+            faults[i] = f"{paths[i].parent}: {fault}"
         if i not in faults and by_name != (read[0].landmarks is not None):
             faults[i] = (
                 f"{paths[i].stem!r} has {by[by_name]} ({read[i].source}), but {paths[0].stem!r} "
@@ -351,6 +356,19 @@ def _missing_or_odd(paths: list[Path], read: list[_Read]) -> dict[int, str]:
                 f"differ: {odd}. For points that a shape lacks, use NAME.template.txt with -1."
             )
     return faults
+
+
+def _no_common_name(one: _Read, first: _Read) -> str:
+    """Return what is wrong where two meshes have landmarks, but none of one name."""
+    if one.landmarks is None or first.landmarks is None:
+        return ""
+    if set(one.landmarks.names) & set(first.landmarks.names):
+        return ""
+    has, wanted = (", ".join(marks.names[:_MOST]) for marks in (one.landmarks, first.landmarks))
+    return (
+        f"{one.mesh.name!r} has no landmark of the same name as {first.mesh.name!r}: {has} against "
+        f"{wanted}. Name those that correspond alike."
+    )
 
 
 def _vts_lengths(path: Path) -> dict[str, int]:

@@ -2,24 +2,18 @@
 
 import re
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
-from scipy.spatial import KDTree
 
-from skfmap._tools.types import FloatArray, IntArray
 from skfmap.exceptions import CorrespondenceError
+from skfmap.geometry.closest import nearest_places
 from skfmap.io.landmarks import LANDMARK_SUFFIXES, open_landmarks
 from skfmap.io.tables import is_table_of_points
 from skfmap.io.texts import MARKS, moved
-from skfmap.shapes import Landmarks, Mesh
+from skfmap.shapes import Correspondence, Landmarks, Mesh
 
-__all__ = ["landmark_files", "landmarks_on", "nearest_vertices", "only_one"]
-
-# Share of the mesh's extent that the middle one of its landmarks may be away from it; those of
-# mouse skulls are at 0.002.
-_AWAY = 0.05
-# From this share on, landmarks do not lie on the mesh if turned ones are so many times nearer.
-_BESIDE, _NEARER = 0.01, 5.0
+__all__ = ["OnMesh", "landmark_files", "landmarks_on", "only_one"]
 
 
 def landmark_files(paths: list[Path]) -> list[list[Path]]:
@@ -65,45 +59,49 @@ def only_one(files: list[Path], mesh: Path) -> Path:
     return files[0]
 
 
-def landmarks_on(path: Path, mesh: Mesh) -> tuple[Landmarks, IntArray, str, str]:
-    """Return the landmarks of a file, in the system of the mesh, and the vertices nearest to them.
+class OnMesh(NamedTuple):
+    """Landmarks of a file in the system of their mesh, and the places where they lie on it.
 
-    Of those that were placed; and what was done that nobody asked for, and what the file asks for.
+    ``turned`` says that x and y were negated, ``note`` what was done as the file asks for.
     """
-    landmarks, system, note = open_landmarks(path)
-    placed = landmarks.points[landmarks.placed]
-    if not len(placed):
+
+    landmarks: Landmarks
+    truth: Correspondence
+    turned: str
+    note: str
+
+
+def landmarks_on(path: Path, mesh: Mesh) -> OnMesh:
+    """Put the landmarks of a file onto their mesh; raise where they do not lie on it.
+
+    Slicer's two systems of coordinates, LPS and RAS, differ by the signs of x and y. Landmarks that
+    lie on the mesh only with these negated are turned.
+    """
+    read = open_landmarks(path)
+    landmarks = moved(read.landmarks, read.landmarks.points, mesh.name)
+    if not landmarks.placed.any():
         raise CorrespondenceError(
             f"{path} holds no landmark that was placed. Place them, or leave {mesh.name!r} out."
         )
-    vertices, turned = nearest_vertices(placed, mesh, path)
-    points = landmarks.points * [-1, -1, 1] if turned else landmarks.points
-    said = f"; the file says {system}" if system else ""
-    done = f"landmarks of {path.name} were taken with {turned}{said}" if turned else ""
-    return moved(landmarks, points, mesh.name), vertices, done, note
+    try:
+        return OnMesh(landmarks, Correspondence.from_points(landmarks, mesh), "", read.done)
+    except CorrespondenceError as error:
+        turned = moved(landmarks, landmarks.points * [-1, -1, 1], mesh.name)
+        truth = _if_nearer(turned, landmarks, mesh)
+        if truth is None:
+            raise CorrespondenceError(f"{path}: {error}") from None
+    said = f"; the file says {read.system}" if read.system else ""
+    told = f"landmarks of {path.name} were taken with x and y negated (RAS and LPS?{said})"
+    return OnMesh(turned, truth, told, read.done)
 
 
-def nearest_vertices(points: FloatArray, mesh: Mesh, path: Path) -> tuple[IntArray, str]:
-    """Return the vertex nearest to each landmark, and what had to be done to the coordinates.
-
-    Slicer's two systems of coordinates, LPS and RAS, differ by the signs of x and y. Landmarks that
-    lie on the mesh only with these turned are turned; those that do not lie on it at all are an
-    error.
-    """
-    used = np.unique(mesh.faces)
-    tree = KDTree(mesh.vertices[used])
-    extent = float(np.ptp(mesh.vertices[used], axis=0).max())
-    away, found = {}, {}
-    for done, signs in (("", [1.0, 1, 1]), ("x and y negated (RAS and LPS?)", [-1.0, -1, 1])):
-        distances, at = tree.query(points * signs)
-        away[done], found[done] = float(np.median(distances)) / extent, used[at]
-    as_they_are, turned = away
-    is_turned = away[as_they_are] > max(_BESIDE, _NEARER * away[turned])
-    best = turned if is_turned else as_they_are
-    if away[best] > _AWAY:
-        raise CorrespondenceError(
-            f"The points of {path} do not lie on {mesh.name!r}: half of them are farther than "
-            f"{away['']:.0%} of its extent away. Another unit of length, another system of "
-            "coordinates, or another specimen's file?"
-        )
-    return found[best], best
+def _if_nearer(turned: Landmarks, written: Landmarks, mesh: Mesh) -> Correspondence | None:
+    """Return where turned landmarks lie on the mesh; None unless they do, and are nearer to it."""
+    try:
+        truth = Correspondence.from_points(turned, mesh)
+    except CorrespondenceError:
+        return None
+    placed = written.points[written.placed]
+    away = nearest_places(placed, mesh.vertices, mesh.faces).distances
+    nearer = truth.distance is not None and np.median(truth.distance) < np.median(away)
+    return truth if nearer else None
