@@ -337,8 +337,8 @@ def test_points_go_where_their_triangles_go():
     onto = [_registered(form.vertices, name="form"), _registered(BALL.vertices * 3)]
     first, second = carry_points(onto, points, BALL)
     there = np.einsum("nc,nca->na", weights, form.vertices[BALL.faces[face]])
-    assert_allclose(first.points, there, atol=1e-6)
-    assert_allclose(second.points, 3 * points.points, atol=1e-6)
+    assert_allclose(first.points, there, atol=1e-12)
+    assert_allclose(second.points, 3 * points.points, atol=1e-12)
     assert (first.name, first.names) == ("form", points.names)
 
 
@@ -348,7 +348,7 @@ def test_points_are_put_onto_the_specimens_own_surface():
     fine = make_sphere(n_subdivisions=4)
     (there,) = carry_points([_registered(BALL.vertices * 1.01)], points, BALL, [fine])
     nearest = ClosestPoints(fine.vertices, fine.faces).of(1.01 * points.points)
-    assert_allclose(there.points, nearest.points, atol=1e-6)
+    assert_allclose(there.points, nearest.points, atol=1e-12)
 
 
 def test_matches_carry_points_by_the_vertices_that_match():
@@ -363,7 +363,7 @@ def test_matches_carry_points_by_the_vertices_that_match():
     match = Match(order, None, None, np.eye(1), np.eye(1), "other", matrix=matrix, inverse=new)
     (there,) = carry_points([match], points, BALL, [other])
     expected = np.einsum("nc,nca->na", weights, form.vertices[BALL.faces[face]])
-    assert_allclose(there.points, expected, atol=1e-6)
+    assert_allclose(there.points, expected, atol=1e-12)
     with pytest.raises(ValueError, match="'other': a match needs the shape's own mesh"):
         carry_points([match], points, BALL)
 
@@ -373,7 +373,7 @@ def test_missing_points_stay_missing_and_so_do_shapes_that_were_left_out():
     at[1] = np.nan
     left_out = _registered(np.full_like(BALL.vertices, np.nan), fits=False)
     good, none = carry_points([_registered(BALL.vertices), left_out], Landmarks(at), BALL)
-    assert_allclose(good.points, at, atol=1e-6)
+    assert_allclose(good.points, at, atol=1e-12)
     assert not none.placed.any()
 
 
@@ -384,6 +384,8 @@ def test_another_reference_and_shapes_that_do_not_fit_are_refused():
     other = make_sphere(n_subdivisions=1)
     with pytest.raises(MeshError, match="has another reference, of 258 vertices"):
         carry_points([_registered(BALL.vertices)], Landmarks(other.vertices[:2]), other)
+    with pytest.raises(CorrespondenceError, match="divided by 1000"):
+        carry_points([_registered(BALL.vertices)], Landmarks(1000 * points.points), BALL)
     with pytest.raises(TypeError, match="must be what skfmap"):
         carry_points([BALL], points, BALL)
     with pytest.raises(ValueError, match="1 shapes but 2 meshes"):
