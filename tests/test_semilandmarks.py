@@ -297,6 +297,14 @@ def test_a_missing_fixed_landmark_costs_that_landmark_alone():
     assert_allclose(with_gap[keep], without, atol=1e-12)
 
 
+def test_so_few_points_that_nothing_bends_stay():
+    names = ["a", "between", "b", "c"]
+    one = Landmarks([[0, 0, 0], [1, 0, 0], [3, 0, 0], [0, 1, 0]], names)
+    for reference in (None, Landmarks(POINTS[:4], names)):
+        (slid,) = slide([one], curves=[names[:3]], reference=reference)
+        assert_allclose(slid.points, one.points, atol=1e-12)
+
+
 def test_what_cannot_slide_is_told():
     mesh = _form(2)
     one = _disturbed(mesh)

@@ -4,6 +4,7 @@ from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 import numpy as np
+from scipy.linalg import solve
 
 from skfmap._tools.types import FloatArray, IntArray
 from skfmap._tools.validation import check_number
@@ -17,7 +18,7 @@ from skfmap.shapes import Landmarks, Mesh
 
 __all__ = ["slide"]
 
-# Singular values of the systems below this share of the largest are movements that bend nothing.
+# Share of the largest stiffness that holds movements back which bend nothing.
 _FREE = 1e-10
 # Where the surface is curved, a step can miss what its tangent planes promise; so often it is
 # halved.
@@ -109,8 +110,12 @@ def slide(
     bent = None if reference is None else stack_landmarks([reference], names)[0]
     for _ in range(n_rounds):
         mean = _mean(points) if bent is None else bent
+        energy_of = _energies(mean)
         points = np.array(
-            [_slid(one, mean, sliding, back) for one, back in zip(points, put_back, strict=True)]
+            [
+                _slid(one, energy_of(one), sliding, back)
+                for one, back in zip(points, put_back, strict=True)
+            ]
         )
     return [_like(one, at, names) for one, at in zip(kept, points, strict=True)]
 
@@ -213,13 +218,23 @@ def _put_back(
     return [of_one(one, mesh) for one, mesh in zip(points, surfaces, strict=True)]
 
 
-def _slid(
-    points: FloatArray, reference: FloatArray, sliding: _Sliding, back: _PutBack
-) -> FloatArray:
+def _energies(reference: FloatArray) -> Callable[[FloatArray], FloatArray]:
+    """Return what gives the bending matrix of a reference, without the points that one lacks."""
+    made: dict[bytes, FloatArray] = {}
+
+    def matrix(points: FloatArray) -> FloatArray:
+        known = ~np.isnan(points[:, 0]) & ~np.isnan(reference[:, 0])
+        if known.tobytes() not in made:
+            L = np.zeros((len(points), len(points)))
+            L[np.ix_(known, known)] = bending_matrix(reference[known])
+            made[known.tobytes()] = L
+        return made[known.tobytes()]
+
+    return matrix
+
+
+def _slid(points: FloatArray, L: FloatArray, sliding: _Sliding, back: _PutBack) -> FloatArray:
     """Return points of one specimen after one step, which lowers their energy or is none."""
-    known = np.flatnonzero(~np.isnan(points[:, 0]) & ~np.isnan(reference[:, 0]))
-    L = np.zeros((len(points), len(points)))
-    L[np.ix_(known, known)] = bending_matrix(reference[known])
     rows, directions = _tangents(points, sliding, back)
     step = np.zeros_like(points)
     np.add.at(step, rows, _best_step(points, L, rows, directions)[:, None] * directions)
@@ -255,7 +270,8 @@ def _best_step(
     """Return how far to go in each direction: where the energy, which is quadratic, is least."""
     A = L[np.ix_(rows, rows)] * (directions @ directions.T)
     gradient = np.einsum("nd,nd->n", directions, (L @ _centred(points))[rows])
-    return np.asarray(-np.linalg.lstsq(A, gradient, rcond=_FREE)[0])
+    A[np.diag_indices_from(A)] += _FREE * A.diagonal().max() or 1.0
+    return np.asarray(-solve(A, gradient, assume_a="pos"))
 
 
 def _energy(points: FloatArray, L: FloatArray) -> float:
