@@ -322,6 +322,8 @@ def test_what_cannot_slide_is_told():
         slide([one], [mesh, mesh], surfaces=["s1"])
     with pytest.raises(TypeError, match="surfaces must be a list of names"):
         slide([one], [mesh], surfaces="s1")
+    with pytest.raises(CorrespondenceError, match="Another specimen's file"):
+        slide([one], [Mesh(mesh.vertices[:, ::-1] * 2 + 3, mesh.faces)], surfaces=["s1"])
     gap = one.points.copy()
     gap[N_FIXED + 1] = np.nan
     with pytest.raises(CorrespondenceError, match="one lacks 's1', which slides"):
@@ -380,7 +382,8 @@ def test_missing_points_stay_missing_and_so_do_shapes_that_were_left_out():
     at = BALL.vertices[:4].copy()
     at[1] = np.nan
     left_out = _registered(np.full_like(BALL.vertices, np.nan), fits=False)
-    good, none = carry_points([_registered(BALL.vertices), left_out], Landmarks(at), BALL)
+    laid = [_registered(BALL.vertices), left_out]
+    good, none = carry_points(laid, Landmarks(at), BALL, [BALL, BALL])
     assert_allclose(good.points, at, atol=1e-12)
     assert not none.placed.any()
 
@@ -394,6 +397,9 @@ def test_another_reference_and_shapes_that_do_not_fit_are_refused():
         carry_points([_registered(BALL.vertices)], Landmarks(other.vertices[:2]), other)
     with pytest.raises(CorrespondenceError, match="divided by 1000"):
         carry_points([_registered(BALL.vertices)], Landmarks(1000 * points.points), BALL)
+    elsewhere = Mesh(BALL.vertices + 5, BALL.faces)
+    with pytest.raises(CorrespondenceError, match="Another specimen's file"):
+        carry_points([_registered(BALL.vertices)], points, BALL, [elsewhere])
     with pytest.raises(TypeError, match="must be what skfmap"):
         carry_points([BALL], points, BALL)
     with pytest.raises(ValueError, match="1 shapes but 2 meshes"):

@@ -14,7 +14,7 @@ from skfmap.geometry.closest import ClosestPoints
 from skfmap.landmarks.alignment import align_landmarks
 from skfmap.landmarks.tables import check_landmarks, landmark_names, stack_landmarks
 from skfmap.landmarks.thin_plate import bending_matrix
-from skfmap.shapes import Landmarks, Mesh
+from skfmap.shapes import Correspondence, Landmarks, Mesh
 
 __all__ = ["slide"]
 
@@ -67,7 +67,8 @@ def slide(
     Raises
     ------
     CorrespondenceError
-        If a name is unknown, slides in two ways, or a point that slides is missing.
+        If a name is unknown, slides in two ways, a point that slides is missing, or landmarks do
+        not lie on the mesh that is given for them.
     ValueError
         If points of the surface are to slide without meshes.
 
@@ -105,7 +106,8 @@ def slide(
     sliding = _sliding(names, surfaces, curves)
     points = stack_landmarks(kept)
     _check_there(points, names, kept, sliding)
-    put_back = _put_back(points, _check_meshes(meshes, len(kept), sliding), sliding)
+    _check_meshes(meshes, kept, sliding)
+    put_back = _put_back(points, meshes, sliding)
     points = np.array([back.onto(one) for back, one in zip(put_back, points, strict=True)])
     bent = None if reference is None else stack_landmarks([reference], names)[0]
     for _ in range(n_rounds):
@@ -178,21 +180,23 @@ def _check_there(
 
 
 def _check_meshes(
-    meshes: Sequence[Mesh] | None, n_specimens: int, sliding: _Sliding
-) -> list[ClosestPoints] | None:
+    meshes: Sequence[Mesh] | None, landmarks: list[Landmarks], sliding: _Sliding
+) -> None:
+    """Raise unless there is a mesh for each specimen that its landmarks lie on."""
     if meshes is None:
         if len(sliding.surface):
             raise ValueError("Points slide on surfaces of meshes; give meshes, one per specimen.")
-        return None
-    if len(meshes) != n_specimens:
+        return
+    if len(meshes) != len(landmarks):
         raise ValueError(
-            f"There are {n_specimens} specimens but {len(meshes)} meshes; give one for each."
+            f"There are {len(landmarks)} specimens but {len(meshes)} meshes; give one for each."
         )
-    return [ClosestPoints(mesh.vertices, mesh.faces) for mesh in meshes]
+    for one, mesh in zip(landmarks, meshes, strict=True):
+        Correspondence.from_points(one, mesh)
 
 
 def _put_back(
-    points: FloatArray, meshes: list[ClosestPoints] | None, sliding: _Sliding
+    points: FloatArray, meshes: Sequence[Mesh] | None, sliding: _Sliding
 ) -> list[_PutBack]:
     """Return for each specimen how points get back onto its curves and its surface."""
     inside = [curve[1:-1] for curve in sliding.curves]
@@ -214,7 +218,9 @@ def _put_back(
 
         return _PutBack(onto, normals)
 
-    surfaces = [None] * len(points) if meshes is None else meshes
+    surfaces: list[ClosestPoints | None] = [None] * len(points)
+    if meshes is not None:
+        surfaces = [ClosestPoints(mesh.vertices, mesh.faces) for mesh in meshes]
     return [of_one(one, mesh) for one, mesh in zip(points, surfaces, strict=True)]
 
 
