@@ -237,6 +237,18 @@ def test_without_a_reference_specimens_agree_on_their_mean():
     assert after < 0.7 * before
 
 
+def test_a_specimen_counts_as_much_in_the_mean_whatever_its_size():
+    mesh = _form(5)
+    given = [_disturbed(mesh, seed=i) for i in range(3)]
+    large = Mesh(100 * mesh.vertices, mesh.faces)
+    scaled = [Landmarks(100 * given[0].points, given[0].names), *given[1:]]
+    slid = slide(given, [mesh] * 3, surfaces=ON_SURFACE)
+    other = slide(scaled, [large, mesh, mesh], surfaces=ON_SURFACE)
+    assert_allclose(other[0].points, 100 * slid[0].points, atol=1e-5)
+    for a, b in zip(slid[1:], other[1:], strict=True):
+        assert_allclose(b.points, a.points, atol=1e-7)
+
+
 def _helix(t):
     return np.column_stack([np.cos(t), np.sin(t), 0.5 * t])
 
