@@ -217,10 +217,10 @@ def write_mesh(mesh: Mesh | Registered, path: str | Path) -> None:
     if isinstance(mesh, Registered):
         mesh = mesh.mesh
     if not isinstance(mesh, Mesh):
-        several = " Write those of a list one by one." if isinstance(mesh, (list, tuple)) else ""
+        remedies = {list: " Write those of a list one by one.", tuple: " Mesh(*pair) makes one."}
         raise TypeError(
             "write_mesh takes one skfmap.Mesh, or one of what skfmap.register returns; got "
-            f"{type(mesh).__name__}.{several}"
+            f"{type(mesh).__name__}.{remedies.get(type(mesh), '')}"
         )
     suffix = Path(path).suffix.lower()
     if suffix not in MESH_SUFFIXES:

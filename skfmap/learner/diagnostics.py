@@ -138,9 +138,7 @@ def diagnose_new_shapes(
                 "resolution.",
             )
         )
-    return findings + _ill_laid(
-        ill_laid, "Their matches may be wrong, and worse than their expected errors say."
-    )
+    return findings + _ill_laid(ill_laid, "Do not trust their matches.")
 
 
 def diagnose_reflected(called: Sequence[str]) -> list[Finding]:
