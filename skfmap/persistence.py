@@ -53,6 +53,7 @@ TRUSTED_TYPES = (
     "skfmap.refinement.ICP",
     "skfmap.refinement.ZoomOut",
     "skfmap.geometry.elasticity.ElasticSurface",
+    "skfmap.learner.landmark_model.LandmarkModel",
     "skfmap.registration.deformation.Deformation",
     "skfmap.registration.part.Registration",
     "skfmap.registration.quality.Limits",
@@ -64,6 +65,7 @@ TRUSTED_TYPES = (
     "skfmap.shapes.given_mesh.GivenMesh",
     "skfmap.shapes.prolongation.Prolongation",
     "skfmap.shapes.spectral_shape.SpectralShape",
+    "skfmap.shapes.surface_places.SurfacePlaces",
     # As files of 0.1.0 name them (skfmap.learner.legacy).
     "skfmap._bridge.Across",
     "skfmap._confidence.ErrorModel",

@@ -381,24 +381,18 @@ def _samples(training: Any, matcher: Any, start: Refinement | None, pose: str) -
 
 
 def _sample(matcher: Any, training: Any, i: int, pose: str) -> _Sample:
-    shape, join, known = training.shapes[i], training.joins[i], training.known[i]
+    shape, known = training.shapes[i], training.known[i]
     spectral_0 = training.reference.spectral
     # Where shapes are stiff there are few pairs, and none of them are wrong because of bending.
     right = np.ones(len(known.areas), bool) if pose == "similarity" else known.areas > 0
     draw = min(_FEW_PAIRS * right.sum(), spectral_0.mesh.n_vertices)
+    join = training.joins[i].take(right)
     pairs = Anchors(
-        _place_matrix(spectral_0, join.vertices_0[right]),
-        _place_matrix(shape.spectral, join.vertices_i[right]) @ shape.spectral.vertices,
-        join.weights[right] * (draw / max(float(join.weights[right].sum()), 1e-300)),
+        spectral_0.place_matrix(join.vertices_0, join.places_0),
+        training.points(i)[right],  # as measured: on the surface mandibles lose 0.007 of 0.19 mm
+        join.weights * (draw / max(float(join.weights.sum()), 1e-300)),
     )
     return _Sample(matcher, shape, pairs, pose)
-
-
-def _place_matrix(spectral: SpectralShape, given: Any) -> sp.csr_array:
-    corners, weights = spectral.places_of(given)
-    rows = np.repeat(np.arange(len(given)), 3)
-    shape = (len(given), spectral.mesh.n_vertices)
-    return sp.coo_array((weights.ravel(), (rows, corners.ravel())), shape=shape).tocsr()
 
 
 def _pose(training: Any) -> str:
@@ -408,13 +402,12 @@ def _pose(training: Any) -> str:
         if len(np.unique(training.joins[i].points)) < TELLING:
             continue
         join, spectral_0 = training.joins[i], training.reference.spectral
-        points = _place_matrix(training.shapes[i].spectral, join.vertices_i)
-        points_0 = _place_matrix(spectral_0, join.vertices_0)
+        spectral = training.shapes[i].spectral
+        points = spectral.place_matrix(join.vertices_i, join.places_i)
+        points_0 = spectral_0.place_matrix(join.vertices_0, join.places_0)
         left.append(
             left_by_similarities(
-                points @ training.shapes[i].spectral.vertices,
-                points_0 @ spectral_0.vertices,
-                join.weights,
+                points @ spectral.vertices, points_0 @ spectral_0.vertices, join.weights
             )[0]
         )
     return "similarity" if left and np.median(left) <= STIFF else "free"
