@@ -117,9 +117,9 @@ class WeightedFunctionalMapLearner(CallbackSupportMixin, Versioned, BaseEstimato
         How errors to expect are found: ``"cross-fit"`` is `CrossFitConfidence`, which learns again
         for each of three folds. None: not at all; a fit then takes a third of the time, with
         refinement a tenth, for
-        searches that only compare scores. Matches have no ``expected_error``, ``confidence`` and
-        ``familiar`` (None) then, and nothing warns of contradicting correspondences or of
-        unfamiliar shapes.
+        searches that only compare scores. Matches have no ``expected_error`` and ``confidence``
+        (None) then, and nothing warns of contradicting correspondences. Of unfamiliar shapes
+        nothing warns but ``refine="register"``; without that ``familiar`` is None.
     reference : str, default="first"
         ``"first"``: the first training shape. ``"medoid"``: the training shape whose geodesic
         distances differ least from all others'. Else the name of a training shape.
@@ -481,14 +481,16 @@ class WeightedFunctionalMapLearner(CallbackSupportMixin, Versioned, BaseEstimato
             its own left and right.
         UnfamiliarShapeWarning
             If a shape is not like the training shapes: another kind of body, another resolution.
+            With ``"register"`` also if the reference does not fit it, as in `register`.
         """
         usable = self._usable(X)
         found = self._matched(usable.shapes, refine, interpolate)
-        mirrored, familiar = (
+        mirrored, familiar, misfits = (
             [is_mirrored(one.solution) for one in found],
             [one.match.familiar for one in found],
+            [one.misfit for one in found],
         )
-        report(diagnose_new_shapes(usable, mirrored, familiar))
+        report(diagnose_new_shapes(usable, mirrored, familiar, misfits))
         assessed = self.confidence_ is not None
         return put_back(
             [one.match for one in found],
@@ -522,9 +524,11 @@ class WeightedFunctionalMapLearner(CallbackSupportMixin, Versioned, BaseEstimato
         usable = self._usable(X)
         registration = self.refine_
         if not isinstance(registration, Registration):
+            late = isinstance(refinement_of(self.refine), Registration)
             raise ValueError(
-                f"register needs a learner that was fitted with refine='register'; here refine is "
-                f"{self.refine!r}. Set it and fit again."
+                "register needs a learner that was fitted with refine='register'; here refine is "
+                f"{self.refine!r}{' since the fit' if late else ''}. "
+                f"{'Fit' if late else 'Set it and fit'} again."
             )
         target = given_reference(self.reference_, [self.reference_])
         arguments = ((self.matcher_, registration, shape, target) for shape in usable.shapes)

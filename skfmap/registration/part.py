@@ -227,6 +227,22 @@ class Registration(Refinement):
         flipped = flipped_faces(self.deformation_, spectral_0.mesh.faces, vertices)
         return Laid(vertices, int(flipped.sum()), quality, self.limits_.allow(quality))
 
+    def quality_of(
+        self, learned: Learned, spectral: SpectralShape, match: PointMatch
+    ) -> tuple[Quality, bool]:
+        """Return how well the reference lies that `refine` took a match from, and whether it fits.
+
+        Parameters
+        ----------
+        learned, spectral : Learned, SpectralShape
+            As in `refine`.
+        match : PointMatch
+            What `refine` returned.
+        """
+        laid = match.points_0[:, :3]  # positions; normals are behind them
+        quality = self._quality(learned.reference.spectral, spectral, laid)
+        return quality, self.limits_.allow(quality)
+
     def vertices_on(
         self, learned: Learned, spectral: SpectralShape, match: PointMatch
     ) -> FloatArray:
