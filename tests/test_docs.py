@@ -107,7 +107,13 @@ _ELSEWHERE = {
         "metrics.ERROR_KINDS",
         "io.MESH_SUFFIXES",
     ),
-    *("report.thin_out", "report.landmark_table", "persistence.TRUSTED_TYPES", "io.as_mesh", "io.as_meshes"),
+    *(
+        "report.thin_out",
+        "report.landmark_table",
+        "persistence.TRUSTED_TYPES",
+        "io.as_mesh",
+        "io.as_meshes",
+    ),
     *("ground_truth.KnownMap", "ground_truth.join_with_reference", "ground_truth.known_maps"),
     *(
         "ground_truth.check_landmarks",

@@ -2,6 +2,7 @@
 
 import argparse
 import io
+import re
 import sys
 import textwrap
 import warnings
@@ -18,6 +19,8 @@ __all__ = ["main", "parser_of", "split_verb"]
 
 
 _WIDTH = 79
+# Warnings call a shape by its index and its name; nobody on the command line knows the index.
+_INDEX = re.compile(r"X\[\d+\] \(('[^']*')\)")
 
 
 class Verb(Protocol):
@@ -151,4 +154,5 @@ def _format_warning(
     lineno: int,  # noqa: ARG001
     line: str | None = None,  # noqa: ARG001
 ) -> str:
-    return f"{category.__name__}: {message}\n"
+    text = _INDEX.sub(r"\1", str(message))
+    return f"{category.__name__}: {text}\n"

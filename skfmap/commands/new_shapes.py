@@ -75,14 +75,17 @@ def run_on_new_shapes(options: argparse.Namespace, work: Callable[[Any], Work], 
         for path, answer in _answers(model, paths, doing, options)
     ]
     rows.sort(key=lambda row: (not row.note, *(-doubt for doubt in row.doubt)))
-    header = ("shape", *doing.columns, "note")
-    lines = [(row.name, *row.cells, row.note) for row in rows]
-    write_table(summary, header, lines)
-    n_failed = sum(bool(row.note) for row in rows)
-    print(show_table(header, lines))
+    header = ("shape", *doing.columns)
+    write_table(summary, (*header, "note"), [(row.name, *row.cells, row.note) for row in rows])
+    failed = [row for row in rows if row.note]
+    print(show_table(header, [(row.name, *row.cells) for row in rows]))
     print(f"{doing.units} The most doubtful come first.")
-    print(f"{len(rows) - n_failed} of {len(rows)} shapes are in {options.output}, this table too.")
-    return 1 if n_failed else 0
+    for row in failed:
+        print(f"Not used: {row.name}: {row.note}")
+    print(
+        f"{len(rows) - len(failed)} of {len(rows)} shapes are in {options.output}, with {summary}."
+    )
+    return 1 if failed else 0
 
 
 def _answers(

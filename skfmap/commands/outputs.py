@@ -82,13 +82,12 @@ def write_table(path: Path, header: Sequence[str], rows: Iterable[Sequence[objec
 
 
 def show_table(header: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
-    """Return a table to print; the first column stands on the left, and so does the last."""
+    """Return a table to print, its first column flush left and the others flush right."""
     cells = [[str(name) for name in header], *([_cell(value, 3) for value in row] for row in rows)]
     widths = [max(len(row[j]) for row in cells) for j in range(len(header))]
-    last = len(header) - 1
     return "\n".join(
         "  ".join(
-            cell.ljust(width) if j in (0, last) else cell.rjust(width)
+            cell.rjust(width) if j else cell.ljust(width)
             for j, (cell, width) in enumerate(zip(row, widths, strict=True))
         ).rstrip()
         for row in cells

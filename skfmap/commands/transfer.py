@@ -24,11 +24,11 @@ DESCRIPTION = (
 )
 
 
-class _Values(NamedTuple):
-    """What the vertices of the reference hold, and what its columns are called."""
+class _Column(NamedTuple):
+    """What the vertices of the reference hold, and what it is called."""
 
-    data: Any
-    names: tuple[str, ...]
+    name: str
+    values: Any
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -59,13 +59,18 @@ def run(options: argparse.Namespace) -> int:
     suffix = f".{options.format}"
 
     def work(learner: Any) -> Work:
-        values = _read_values(options.values, learner.reference_.spectral.n_given)
+        columns = _read_columns(options.values, learner.reference_.spectral.n_given)
+        if options.format == "npy" and len({one.values.dtype.kind == "U" for one in columns}) > 1:
+            raise ValueError(f"{options.values} has numbers and words; use --format csv.")
 
         def write(match: Match, path: Path) -> Result:
-            carried = match.transfer(values.data, max_error=options.max_error)
-            _write_values(carried, values.names, path)
-            trusted = 1.0 - float(np.mean(np.ma.getmaskarray(carried)))
-            return Result((trusted, mean_error(match), match.familiar), doubt_of(match))
+            carried = [
+                _Column(name, match.transfer(values, max_error=options.max_error))
+                for name, values in columns
+            ]
+            _write_columns(carried, path)
+            blank = np.mean([np.ma.getmaskarray(values) for _, values in carried])
+            return Result((1.0 - float(blank), mean_error(match), match.familiar), doubt_of(match))
 
         return Work(
             suffix,
@@ -79,71 +84,74 @@ def run(options: argparse.Namespace) -> int:
     return run_on_new_shapes(options, work, suffix)
 
 
-def _read_values(path: Path, n_vertices: int) -> _Values:
-    if path.suffix.lower() == ".npy":
-        try:
-            data = np.load(path, allow_pickle=False)
-        except (ValueError, EOFError) as error:
-            raise ValueError(f"{path} cannot be read as an array: {error}") from error
-        names = ["value"] if data.ndim == 1 else [f"value{j}" for j in range(data.shape[-1])]
-    else:
-        data, names = _parsed(path, n_vertices)
-    if len(data) != n_vertices:
+def _read_columns(path: Path, n_vertices: int) -> list[_Column]:
+    names, columns = (
+        _of_array(path) if path.suffix.lower() == ".npy" else _of_text(path, n_vertices)
+    )
+    if len(columns[0]) != n_vertices:
         raise ValueError(
-            f"{path} holds values for {len(data)} vertices, but the reference has {n_vertices}."
+            f"{path} holds values for {len(columns[0])} vertices, but the reference has "
+            f"{n_vertices}."
         )
-    return _Values(data, tuple(names))
+    return [_Column(*one) for one in zip(names, columns, strict=True)]
 
 
-def _parsed(path: Path, n_vertices: int) -> tuple[Any, list[str]]:
-    """Return a table of text as an array, and the names in its head line."""
+def _of_array(path: Path) -> tuple[list[str], list[Any]]:
+    try:
+        data = np.load(path, allow_pickle=False)
+    except (ValueError, EOFError) as error:
+        raise ValueError(f"{path} cannot be read as an array: {error}") from error
+    if data.ndim not in (1, 2) or data.size == 0:
+        raise ValueError(f"{path} must hold one row for each vertex; got shape {data.shape}.")
+    columns = [data] if data.ndim == 1 else list(data.T)
+    return _usual_names(len(columns)), columns
+
+
+def _of_text(path: Path, n_vertices: int) -> tuple[list[str], list[Any]]:
+    """Return names and columns of a table; a line more than there are vertices is its head."""
     with path.open(encoding="utf-8-sig", newline="") as file:
-        blanks = path.suffix.lower() != ".csv"
-        rows = [line.split() for line in file] if blanks else list(csv.reader(file))
-    while rows and not any(rows[-1]):
+        between_blanks = path.suffix.lower() != ".csv"
+        rows = [line.split() for line in file] if between_blanks else list(csv.reader(file))
+    while rows and not rows[-1]:
         rows.pop()
     widths = {len(row) for row in rows}
-    if len(widths) != 1 or 0 in widths:
+    if len(widths) != 1:
         raise ValueError(
-            f"{path} must have as many columns in each line, and a line for each of the "
-            f"{n_vertices} vertices of the reference."
+            f"{path} must have a line for each of the {n_vertices} vertices of the reference, all "
+            "with as many columns."
         )
-    n_columns = widths.pop()
-    head = len(rows) == n_vertices + 1
-    names = rows.pop(0) if head else [f"value{j}" for j in range(n_columns)]
-    if n_columns == 1 and not head:
-        names = ["value"]
-    columns = np.array(rows, dtype=str)
-    return _typed(columns[:, 0] if n_columns == 1 else columns, path), names
+    head = rows.pop(0) if len(rows) == n_vertices + 1 else _usual_names(widths.pop())
+    return head, [_typed(np.array(column, dtype=str)) for column in zip(*rows, strict=True)]
 
 
-def _typed(text: Array, path: Path) -> Any:
-    """Return whole numbers, numbers or words, as all entries that are known are; others masked."""
+def _usual_names(n_columns: int) -> list[str]:
+    return ["value"] if n_columns == 1 else [f"value{j}" for j in range(n_columns)]
+
+
+def _typed(text: Array) -> Any:
+    """Return whole numbers, numbers or words, whatever all known entries are; others masked."""
     unknown = np.char.strip(text) == ""
-    filled = np.where(unknown, "0", text)
     for kind in (np.int64, np.float64):
         try:
-            return _masked(filled.astype(kind), unknown)
+            values = np.where(unknown, "0", text).astype(kind)
         except ValueError:
             continue
-    if text.ndim == 2:
-        raise ValueError(f"{path} holds words in several columns; labels stand in one.")
-    return _masked(text, unknown)
+        return np.ma.MaskedArray(np.nan_to_num(values), unknown | np.isnan(values))
+    return np.ma.MaskedArray(text, unknown)
 
 
-def _masked(values: Array, unknown: Array) -> Any:
-    if values.dtype.kind == "f":
-        unknown = unknown | np.isnan(values)
-        values = np.where(unknown, 0.0, values)
-    return np.ma.MaskedArray(values, unknown) if unknown.any() else values
-
-
-def _write_values(carried: Any, names: tuple[str, ...], path: Path) -> None:
-    numeric = carried.dtype.kind in "biuf"
+def _write_columns(columns: list[_Column], path: Path) -> None:
     if path.suffix == ".npy":
-        filled = carried.astype(np.float64).filled(np.nan) if numeric else carried.filled("")
-        np.save(path, filled)
+        filled = [_filled(values) for _, values in columns]
+        np.save(path, filled[0] if len(filled) == 1 else np.stack(filled, axis=1))
         return
-    columns = carried if carried.ndim == 2 else carried[:, None]
-    lines = ((i, *row) for i, row in enumerate(columns.tolist()))  # None where masked
-    write_table(path, ("vertex", *names), lines)
+    lists = [values.tolist() for _, values in columns]  # None where masked
+    header = ("vertex", *(name for name, _ in columns))
+    write_table(path, header, zip(range(len(lists[0])), *lists, strict=True))
+
+
+def _filled(values: Any) -> Any:
+    """Return numbers with NaN, or words with blanks, where they are masked."""
+    if values.dtype.kind in "biuf":
+        return values.astype(np.float64).filled(np.nan)
+    return values.filled("")
