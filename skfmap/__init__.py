@@ -56,6 +56,7 @@ _SUBMODULES = (
     "ground_truth",
     "health",
     "io",
+    "landmarks",
     "learner",
     "metrics",
     "model_selection",

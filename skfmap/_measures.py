@@ -29,7 +29,7 @@ from skfmap._tools.validation import (
 from skfmap.exceptions import CorrespondenceError, MeshError
 from skfmap.geometry.faults import count_components, edges_of, unreferenced_vertices
 from skfmap.geometry.geodesics import DISTANCES
-from skfmap.shapes import Correspondence, Mesh, SpectralShape
+from skfmap.shapes import Correspondence, Mesh, SpectralShape, SurfacePlaces
 
 __all__ = [
     "ERROR_KINDS",
@@ -124,6 +124,49 @@ class GeodesicDistances:
         rows = self.rows(np.unique(sources))
         return rows[np.searchsorted(np.unique(sources), sources), points].astype(np.float64)
 
+    def between_places(self, points: SurfacePlaces, sources: SurfacePlaces) -> FloatArray:
+        """Return the distance of each place from the source beside it, in units of sqrt(area).
+
+        Distances between the corners of two faces are interpolated, or those of places whose faces
+        touch are straight lines: a place is at distance 0 from itself. None is shorter than a
+        straight line.
+
+        Parameters
+        ----------
+        points, sources : SurfacePlaces
+            Places, the same number of each. Rows are computed for the corners of the sources.
+
+        Returns
+        -------
+        distances : ndarray of shape (n,)
+            Distances over sqrt(area).
+        """
+        straight = np.linalg.norm(self._at(points) - self._at(sources), axis=1)
+        along = self._mean_between(points, sources)
+        # That of a place from itself, as corners tell it.
+        own = self._mean_between(sources, sources)
+        touch = (points.corners[:, :, None] == sources.corners[:, None, :]) & (
+            (points.weights[:, :, None] > 0) & (sources.weights[:, None, :] > 0)
+        )
+        far = np.where(touch.any(axis=(1, 2)), along - own, along)
+        return np.asarray(np.maximum(straight, far))
+
+    def _mean_between(self, points: SurfacePlaces, sources: SurfacePlaces) -> FloatArray:
+        """Return mean distances between the corners of places."""
+        mean = np.zeros(len(points.corners))
+        for i in range(3):
+            for j in range(3):
+                weight = points.weights[:, i] * sources.weights[:, j]
+                some = np.flatnonzero(weight > 0)
+                distances = self.between(points.corners[some, i], sources.corners[some, j])
+                mean[some] += weight[some] * distances
+        return mean
+
+    def _at(self, places: SurfacePlaces) -> FloatArray:
+        """Return coordinates at unit area, shape (n, 3)."""
+        at = self.mesh.vertices[places.corners.ravel()] / np.sqrt(self.mesh.area)
+        return places.means(at)
+
     def rows(self, sources: IntArray) -> Any:
         """Return distances from distinct sources to all vertices, as float32.
 
@@ -216,6 +259,11 @@ class PlaceDistances(GeodesicDistances):
                 along += weight * self.within.between(faces_a[far, i], faces_b[far, j])
         straight[far] = np.maximum(straight[far], along)
         return np.where(self.shape.placed(points) & self.shape.placed(sources), straight, np.nan)
+
+    def _at(self, places: SurfacePlaces) -> FloatArray:
+        """Return coordinates on the working mesh at unit area, shape (n, 3)."""
+        matrix = self.shape.place_matrix(places.vertices, places)
+        return np.asarray(matrix @ self.shape.vertices)
 
     def rows(self, sources: IntArray) -> Any:
         """Compute what the distances of all vertices from the sources are made of, in advance."""
@@ -349,7 +397,9 @@ def pair_errors(
     -------
     PairErrors
         One entry per pair of S_i whose template point S_0 has. Where several vertices of S_0 stand
-        on one point, their errors are averaged.
+        on one point, their errors are averaged. Of a pair that is at a place between vertices, the
+        error is one distance: the place is sent where the map sends the corners of its face, with
+        the same weights, and measured by `GeodesicDistances.between_places`.
 
     Raises
     ------
@@ -367,12 +417,11 @@ def pair_errors(
             raise TypeError(
                 f"A {kind.__name__} is expected here; got {type(given).__name__}. {_HOW[kind]}"
             )
-    for pairs in (correspondence_0.pairs, correspondence_0.symmetric_pairs):
-        if pairs is not None:
-            check_index_range(pairs[:, 0], distances.n_vertices, "The pairs of the reference")
-    p2p = _check_p2p(
-        p2p, distances.n_vertices, int(correspondence_i.pairs[:, 0].max(initial=-1)) + 1
-    )
+    symmetric_0 = correspondence_0.symmetric_pairs
+    known = [correspondence_0.pairs[:, 0], correspondence_0.corners]
+    for vertices in known if symmetric_0 is None else [*known, symmetric_0[:, 0]]:
+        check_index_range(vertices, distances.n_vertices, "The pairs of the reference")
+    p2p = _check_p2p(p2p, distances.n_vertices, int(correspondence_i.corners.max(initial=-1)) + 1)
     keys, direct, weights = _mean_by_pair(
         p2p, correspondence_i, correspondence_0, distances, symmetric=False
     )
@@ -416,10 +465,15 @@ def _mean_by_pair(
     symmetric: bool,
 ) -> tuple[IntArray, FloatArray, FloatArray]:
     """Return the distinct (vertex, template point) rows, their mean errors and weights."""
-    joined = own.join(other, symmetric=symmetric)
+    joined, p2p = own.join(other, symmetric=symmetric), np.asarray(p2p)
     rows = np.column_stack([joined.vertices_i, joined.points])
     keys, inverse = np.unique(rows, axis=0, return_inverse=True)
-    errors = distances.between(np.asarray(p2p)[joined.vertices_i], joined.vertices_0)
+    if joined.places_i is None and joined.places_0 is None:
+        errors = distances.between(p2p[joined.vertices_i], joined.vertices_0)
+    else:
+        at = joined.places_i or SurfacePlaces.at_vertices(joined.vertices_i)
+        to = joined.places_0 or SurfacePlaces.at_vertices(joined.vertices_0)
+        errors = distances.between_places(SurfacePlaces(p2p[at.corners], at.weights), to)
     weights = np.bincount(inverse.ravel(), joined.weights, minlength=len(keys)).astype(np.float64)
     sums = np.bincount(inverse.ravel(), joined.weights * errors, minlength=len(keys))
     return keys, sums / np.maximum(weights, 1e-300), weights

@@ -32,17 +32,21 @@ __all__ = [
 def join_with_reference(
     truth: Correspondence, shape: ProbedShape, truth_0: Correspondence, reference: ProbedShape
 ) -> JoinedPairs:
-    """Return the pairs of vertices of a shape and of the reference.
+    """Return the pairs of places of a shape and of the reference.
 
     Of many pairs around one vertex of the shape's working mesh those nearest to it are enough.
     Sharing no template point at all is an error that names both.
     """
     joined = truth.join(truth_0)
     if len(joined.points) == 0:
+        called = " against ".join(
+            ", ".join(one.known_names) or "none" for one in (truth, truth_0) if one.names
+        )
+        told = f" ({called})" if called else ""
         raise CorrespondenceError(
             f"{label(shape.name, 'shape')} and the reference {reference.name!r} share no template "
-            "point. Check that both are given on the same template (Correspondence.from_vertices "
-            "or from_template?)."
+            f"point{told}. Check that both are given on the same template "
+            "(Correspondence.from_vertices or from_template?)."
         )
     return _thinned_out(joined, shape)
 
@@ -57,9 +61,7 @@ def _thinned_out(joined: JoinedPairs, shape: ProbedShape) -> JoinedPairs:
     order = np.lexsort((-largest, at))
     starts = np.searchsorted(at[order], at[order])  # where the pairs of the same vertex begin
     kept = np.sort(order[np.arange(len(order)) - starts < _AROUND])
-    return JoinedPairs(
-        joined.vertices_i[kept], joined.vertices_0[kept], joined.points[kept], joined.weights[kept]
-    )
+    return joined.take(kept)
 
 
 # Pairs around each working vertex that known maps are made of: twice what they could tell apart.
@@ -225,8 +227,8 @@ def _known_map(
         spectral.mass,
         spectral.working_vertices(join.vertices_i),
         join.weights,
-        spectral.evecs_at(join.vertices_i, n_components),
-        spectral_0.evecs_at(join.vertices_0, n_components),
+        spectral.evecs_at(join.vertices_i, n_components, join.places_i),
+        spectral_0.evecs_at(join.vertices_0, n_components, join.places_0),
         laplacian_mask(spectral.evals[:k], spectral_0.evals[:k]),
         np.array([k, n_distinct]),
     )

@@ -64,6 +64,7 @@ TRUSTED_TYPES = (
     "skfmap.shapes.given_mesh.GivenMesh",
     "skfmap.shapes.prolongation.Prolongation",
     "skfmap.shapes.spectral_shape.SpectralShape",
+    "skfmap.shapes.surface_places.SurfacePlaces",
     # As files of 0.1.0 name them (skfmap.learner.legacy).
     "skfmap._bridge.Across",
     "skfmap._confidence.ErrorModel",

@@ -6,12 +6,15 @@ import igl
 import numpy as np
 
 from skfmap._tools.types import BoolArray, FloatArray, IntArray
+from skfmap.geometry.faults import sound_faces
 from skfmap.geometry.normals import vertex_normals
 
-__all__ = ["ClosestPoints", "NearestPoints", "face_normals"]
+__all__ = ["ClosestPoints", "NearestPlaces", "NearestPoints", "face_normals", "nearest_places"]
 
 # Share of a triangle's length within which a point of it is on an edge.
 _ON_EDGE = 1e-9
+# Weight of a corner up to which a place is on the opposite edge.
+_NO_WEIGHT = 1e-9
 
 
 class NearestPoints(NamedTuple):
@@ -34,6 +37,24 @@ class NearestPoints(NamedTuple):
     normals: FloatArray
     distances: FloatArray
     on_rim: BoolArray
+
+
+class NearestPlaces(NamedTuple):
+    """Where on the faces of a surface points are nearest.
+
+    Attributes
+    ----------
+    corners : ndarray of int, shape (n, 3)
+        Vertices of the face.
+    weights : ndarray of shape (n, 3)
+        Of the corners: not negative, and 1 together.
+    distances : ndarray of shape (n,)
+        Of the points from there.
+    """
+
+    corners: IntArray
+    weights: FloatArray
+    distances: FloatArray
 
 
 class ClosestPoints:
@@ -100,6 +121,66 @@ class ClosestPoints:
             on_edge = off <= _ON_EDGE * np.square(ahead).sum(axis=1) ** 0.5
             on_rim[at] |= on_edge & self._rims[face[at], a]
         return on_rim
+
+
+def nearest_places(points: FloatArray, vertices: FloatArray, faces: IntArray) -> NearestPlaces:
+    """Return where points are nearest to the triangles of a mesh.
+
+    Parameters
+    ----------
+    points : ndarray of shape (n, 3)
+        Finite coordinates.
+    vertices, faces : ndarray of shape (n_vertices, 3), ndarray of int, shape (n_faces, 3)
+        The mesh, one sound face of it at least. Faces that are not sound are left alone.
+
+    Returns
+    -------
+    NearestPlaces
+        For each point.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from skfmap.geometry.closest import nearest_places
+    >>> triangle = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0]])
+    >>> found = nearest_places(np.array([[0.25, 0.5, 3.0]]), triangle, np.array([[0, 1, 2]]))
+    >>> found.weights.tolist(), found.distances.tolist()
+    ([[0.25, 0.25, 0.5]], [3.0])
+    """
+    sound = faces[sound_faces(vertices, faces)]
+    used, numbers = np.unique(sound, return_inverse=True)
+    numbers = np.ascontiguousarray(numbers.reshape(-1, 3), dtype=np.int64)
+    at = np.ascontiguousarray(vertices[used], dtype=np.float64)
+    tree: Any = igl.AABB()
+    tree.init(at, numbers)
+    _, face, nearest = tree.squared_distance(at, numbers, np.ascontiguousarray(points))
+    corners = sound[np.ravel(face)]
+    weights = _weights_of_corners(np.reshape(nearest, (-1, 3)), vertices[corners])
+    there = np.einsum("nc,ncd->nd", weights, vertices[corners])
+    return NearestPlaces(corners, weights, np.linalg.norm(points - there, axis=1))
+
+
+def _weights_of_corners(points: FloatArray, triangles: FloatArray) -> FloatArray:
+    """Return the weights of corners that give points of triangles, shape (n, 3).
+
+    Those inside are told by areas. Where a triangle has hardly any, an edge tells better.
+    """
+    a, b, c = (np.ascontiguousarray(triangles[:, j]) for j in range(3))
+    inside = igl.barycentric_coordinates(np.ascontiguousarray(points), a, b, c)
+    tried = [np.where(np.isfinite(inside).all(axis=1)[:, None], inside, 1 / 3)]
+    for j in range(3):
+        start, ahead = triangles[:, j], triangles[:, (j + 1) % 3] - triangles[:, j]
+        length = np.maximum(np.square(ahead).sum(axis=1), 1e-300)
+        along = np.clip(np.einsum("nd,nd->n", points - start, ahead) / length, 0.0, 1.0)
+        on_edge = np.zeros((len(points), 3))
+        on_edge[:, j], on_edge[:, (j + 1) % 3] = 1 - along, along
+        tried.append(on_edge)
+    weights = np.stack(tried)
+    weights = np.where(weights > _NO_WEIGHT, weights, 0.0)
+    weights /= weights.sum(axis=2, keepdims=True)
+    off = np.linalg.norm(np.einsum("tnc,ncd->tnd", weights, triangles) - points, axis=2)
+    off[0] *= 1 - 1e-6  # of equals the first
+    return np.asarray(weights[off.argmin(axis=0), np.arange(len(points))])
 
 
 def face_normals(vertices: FloatArray, faces: IntArray) -> FloatArray:

@@ -385,8 +385,8 @@ def _what_is_left(training: TrainingSet, i: int, j: int) -> float:
         return np.inf
     spectral_i, spectral_j = training.shapes[i].spectral, training.shapes[j].spectral
     evecs_i, evecs_j = (
-        spectral_i.evecs_at(join.vertices_i, k),
-        spectral_j.evecs_at(join.vertices_0, k),
+        spectral_i.evecs_at(join.vertices_i, k, join.places_i),
+        spectral_j.evecs_at(join.vertices_0, k, join.places_0),
     )
     areas = join.weights / join.weights.sum()
     C = map_from_pairs(

@@ -79,7 +79,8 @@ def check_correspondences(
 ) -> list[Any]:
     """Return correspondences without the vertices that have no place on their working meshes.
 
-    For a shape that is skipped, the `SkippedShape` itself.
+    Those with names are numbered alike, by names. For a shape that is skipped, the `SkippedShape`
+    itself.
 
     With ``skip``, one that does not fit becomes a `SkippedShape` too.
     """
@@ -100,7 +101,23 @@ def check_correspondences(
         for i, (item, shape) in enumerate(zip(items, shapes, strict=True))
     ]
     _warn_of_lost_pairs(items, checked, shapes)
-    return checked
+    return _numbered_alike(checked, shapes)
+
+
+def _numbered_alike(checked: list[Any], shapes: Sequence[Any]) -> list[Any]:
+    """Return correspondences whose template points have one numbering, by their names if any."""
+    given = [i for i, one in enumerate(checked) if isinstance(one, Correspondence)]
+    named = [i for i in given if checked[i].names is not None]
+    if not named:
+        return checked
+    if unnamed := [describe(i, shapes[i]) for i in given if i not in named]:
+        raise CorrespondenceError(
+            f"The template points of {describe(named[0], shapes[named[0]])} have names, but those "
+            f"of {', '.join(unnamed)} do not, so that they cannot be joined by them. Give names to "
+            "all correspondences, or to none."
+        )
+    names = tuple(dict.fromkeys(name for i in named for name in checked[i].names))
+    return [one.number_by(names) if i in named else one for i, one in enumerate(checked)]
 
 
 def _warn_of_lost_pairs(
@@ -162,6 +179,7 @@ def _check_correspondence(item: object, i: int, shape: ProbedShape) -> Correspon
             "it holds the vertex of each template point, use Correspondence.from_template."
         )
     check_index_range(truth.pairs[:, 0], n_vertices, f"The pairs of {who}")
+    check_index_range(truth.corners, n_vertices, f"The places of {who}")
     if truth.symmetric_pairs is not None:
         check_index_range(truth.symmetric_pairs[:, 0], n_vertices, f"The symmetric pairs of {who}")
     if len(truth.pairs) == 0:

@@ -220,6 +220,6 @@ def embedding_distance(shape: ProbedShape, match: PointMatch) -> float:
 def _residuals(training: TrainingSet, i: IntArray, C: FloatArray) -> FloatArray:
     """Return the covariance of what a learned map misses at the known pairs of a training shape."""
     k, join = training.k, training.joins[i]
-    evecs_i = training.shapes[i].spectral.evecs_at(join.vertices_i, k)
-    evecs_0 = training.reference.spectral.evecs_at(join.vertices_0, k)
+    evecs_i = training.shapes[i].spectral.evecs_at(join.vertices_i, k, join.places_i)
+    evecs_0 = training.reference.spectral.evecs_at(join.vertices_0, k, join.places_0)
     return residual_covariance(evecs_i, evecs_0, training.known[i].areas, C)

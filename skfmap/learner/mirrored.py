@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from skfmap._tools.types import BoolArray, FloatArray, IntArray
+from skfmap._tools.types import BoolArray, FloatArray
 from skfmap.functional.similarity import MIRROR, STIFF, TELLING, left_by_similarities
 from skfmap.ground_truth import KnownMap
 from skfmap.shapes import (
@@ -140,15 +140,12 @@ def _side_in_space(
     """Return the sign of the determinant of the similarity that explains the pairs, or None."""
     if len(np.unique(join.points)) < TELLING:
         return None
-    points = _places(shape.spectral, join.vertices_i)
-    points_0 = _places(reference.spectral, join.vertices_0)
+    spectral, spectral_0 = shape.spectral, reference.spectral
+    points = np.asarray(spectral.place_matrix(join.vertices_i, join.places_i) @ spectral.vertices)
+    points_0 = np.asarray(
+        spectral_0.place_matrix(join.vertices_0, join.places_0) @ spectral_0.vertices
+    )
     left = left_by_similarities(points, points_0, known.areas)
     if min(left) > STIFF or max(left) < max(_TIMES * min(left), 1e-9):
         return None
     return 1 if left[0] < left[1] else -1
-
-
-def _places(spectral: SpectralShape, given: IntArray) -> FloatArray:
-    """Return where given vertices lie on the working mesh, shape (n, 3)."""
-    corners, weights = spectral.places_of(given)
-    return np.asarray(np.einsum("nc,ncd->nd", weights, spectral.vertices[corners]))

@@ -51,4 +51,4 @@ def score_point_maps(
 
 def _vertices_of(truth: Correspondence) -> IntArray:
     symmetric = truth.pairs[:0] if truth.symmetric_pairs is None else truth.symmetric_pairs
-    return np.union1d(truth.pairs[:, 0], symmetric[:, 0])
+    return np.union1d(truth.corners, symmetric[:, 0])

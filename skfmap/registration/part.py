@@ -1,7 +1,8 @@
 """The refinement that lays the reference onto each shape, in space."""
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any, NamedTuple, Self
 from weakref import WeakKeyDictionary
 
@@ -337,40 +338,45 @@ def _misfit(tried: tuple[Quality, FloatArray]) -> float:
     return tried[0].off + tried[0].uncovered
 
 
-class _Sample(NamedTuple):
-    """A training shape, its match, where its known pairs lie, and the start that they give."""
+@dataclass(frozen=True, eq=False)
+class _Sample:
+    """A training shape, and where its known pairs lie."""
 
-    spectral: SpectralShape
-    match: PointMatch
+    matcher: Any
+    shape: Any
     pairs: Anchors
     pose: str
 
+    @property
+    def spectral(self) -> SpectralShape:
+        return self.shape.spectral
+
+    @cached_property
+    def match(self) -> PointMatch:
+        """What the matcher makes of it, for those who ask."""
+        solution = self.matcher.solve(self.shape)
+        match: PointMatch = self.matcher.match_points(self.shape, solution.C)[1]
+        return match
+
 
 def _samples(training: Any, matcher: Any, start: Refinement | None, pose: str) -> list[_Sample]:
-    arguments = ((replace(matcher, refinement=start), training, i, pose) for i in training.used)
-    return map_shapes(_sample, arguments, n_jobs=training.n_jobs, verbose=0, prefer="threads")
+    begun = replace(matcher, refinement=start)
+    return [_sample(begun, training, i, pose) for i in training.used]
 
 
 def _sample(matcher: Any, training: Any, i: int, pose: str) -> _Sample:
-    shape, join, known = training.shapes[i], training.joins[i], training.known[i]
+    shape, known = training.shapes[i], training.known[i]
     spectral_0 = training.reference.spectral
-    match = matcher.match_points(shape, matcher.solve(shape).C)[1]
     # Where shapes are stiff there are few pairs, and none of them are wrong because of bending.
     right = np.ones(len(known.areas), bool) if pose == "similarity" else known.areas > 0
     draw = min(_FEW_PAIRS * right.sum(), spectral_0.mesh.n_vertices)
+    join = training.joins[i].take(right)
     pairs = Anchors(
-        _place_matrix(spectral_0, join.vertices_0[right]),
-        _place_matrix(shape.spectral, join.vertices_i[right]) @ shape.spectral.vertices,
-        join.weights[right] * (draw / max(float(join.weights[right].sum()), 1e-300)),
+        spectral_0.place_matrix(join.vertices_0, join.places_0),
+        shape.spectral.place_matrix(join.vertices_i, join.places_i) @ shape.spectral.vertices,
+        join.weights * (draw / max(float(join.weights.sum()), 1e-300)),
     )
-    return _Sample(shape.spectral, match, pairs, pose)
-
-
-def _place_matrix(spectral: SpectralShape, given: Any) -> sp.csr_array:
-    corners, weights = spectral.places_of(given)
-    rows = np.repeat(np.arange(len(given)), 3)
-    shape = (len(given), spectral.mesh.n_vertices)
-    return sp.coo_array((weights.ravel(), (rows, corners.ravel())), shape=shape).tocsr()
+    return _Sample(matcher, shape, pairs, pose)
 
 
 def _pose(training: Any) -> str:
@@ -380,13 +386,12 @@ def _pose(training: Any) -> str:
         if len(np.unique(training.joins[i].points)) < TELLING:
             continue
         join, spectral_0 = training.joins[i], training.reference.spectral
-        points = _place_matrix(training.shapes[i].spectral, join.vertices_i)
-        points_0 = _place_matrix(spectral_0, join.vertices_0)
+        spectral = training.shapes[i].spectral
+        points = spectral.place_matrix(join.vertices_i, join.places_i)
+        points_0 = spectral_0.place_matrix(join.vertices_0, join.places_0)
         left.append(
             left_by_similarities(
-                points @ training.shapes[i].spectral.vertices,
-                points_0 @ spectral_0.vertices,
-                join.weights,
+                points @ spectral.vertices, points_0 @ spectral_0.vertices, join.weights
             )[0]
         )
     return "similarity" if left and np.median(left) <= STIFF else "free"
@@ -399,9 +404,9 @@ _LAID: WeakKeyDictionary[SpectralShape, dict[str, FloatArray]] = WeakKeyDictiona
 
 def _lay_by_pairs(spectral_0: SpectralShape, sample: _Sample) -> FloatArray:
     """Return the reference on a training shape, by known pairs; once for all that do it alike."""
-    pairs, match = sample.pairs, sample.match
+    pairs = sample.pairs
     # Of stiff shapes the match is not asked, so that all folds have them from one another.
-    asked = () if sample.pose == "similarity" else (match.p2p, match.inverse)
+    asked = () if sample.pose == "similarity" else (sample.match.p2p, sample.match.inverse)
     key = hash_of_arrays(
         spectral_0.vertices,
         spectral_0.mesh.faces,

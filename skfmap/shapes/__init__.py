@@ -13,6 +13,7 @@ from skfmap.shapes.prolongation import Prolongation
 from skfmap.shapes.registered import Registered
 from skfmap.shapes.skipped_shape import SkippedShape
 from skfmap.shapes.spectral_shape import SpectralShape
+from skfmap.shapes.surface_places import SurfacePlaces
 
 __all__ = [
     "Correspondence",
@@ -26,4 +27,5 @@ __all__ = [
     "Registered",
     "SkippedShape",
     "SpectralShape",
+    "SurfacePlaces",
 ]

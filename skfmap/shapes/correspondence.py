@@ -1,9 +1,11 @@
 """Where a shape lies on the template that the shapes of a collection share."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any, Self
 
 import numpy as np
+import numpy.typing as npt
 import scipy.sparse as sp
 
 from skfmap._tools.types import FloatArray, IntArray
@@ -16,13 +18,16 @@ from skfmap._tools.validation import (
     read_only,
 )
 from skfmap.exceptions import CorrespondenceError
+from skfmap.shapes.landmarks import Landmarks
+from skfmap.shapes.points_on_surface import mesh_arrays, put_on_surface
+from skfmap.shapes.surface_places import SurfacePlaces
 
 __all__ = ["Correspondence", "JoinedPairs"]
 
 
 @dataclass(frozen=True, eq=False)
 class JoinedPairs:
-    """Pairs of vertices of two shapes that stand on the same template point.
+    """Pairs of places of two shapes that stand on the same template point.
 
     Attributes
     ----------
@@ -34,12 +39,31 @@ class JoinedPairs:
     weights : ndarray of shape (n_pairs,)
         Positive. The weight of the pair on S_i (1 for plain pairs), shared among the vertices of
         S_0 that stand on the template point.
+    places_i, places_0 : SurfacePlaces or None
+        Where the pairs are on the faces of S_i and of S_0, where that is known; the vertices are
+        then the corners of most weight. None where all are at their vertices.
     """
 
     vertices_i: IntArray
     vertices_0: IntArray
     points: IntArray
     weights: FloatArray
+    places_i: SurfacePlaces | None = None
+    places_0: SurfacePlaces | None = None
+
+    def take(self, rows: IntArray) -> "JoinedPairs":
+        """Return some of the pairs, by their numbers or a mask."""
+        places_i, places_0 = (
+            None if at is None else at.take(rows) for at in (self.places_i, self.places_0)
+        )
+        return JoinedPairs(
+            self.vertices_i[rows],
+            self.vertices_0[rows],
+            self.points[rows],
+            self.weights[rows],
+            places_i,
+            places_0,
+        )
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -62,6 +86,16 @@ class Correspondence:
         The same for ``symmetric_pairs``.
     n_vertices : int, optional
         How many vertices the shape has, where the constructor could tell; checked against the mesh.
+    places : (corners, weights), optional
+        Where the pairs are on the faces of the shape: the three vertices of a face, integers of
+        shape (n_pairs, 3), and their weights, which sum to 1. The vertex in ``pairs`` is then a
+        corner of most weight. None where each pair is at its vertex.
+    names : sequence of str, optional
+        Name of each template point, all different. Correspondences with names are joined by them.
+    coordinates : array-like of shape (n_pairs, 3), optional
+        The points as they were measured, in the units of the mesh.
+    distance : array-like of shape (n_pairs,), optional
+        How far these are from their places, in the same units.
 
     Raises
     ------
@@ -69,13 +103,15 @@ class Correspondence:
         If ``pairs`` is one-dimensional (say which reading you mean with a constructor) or not of an
         integer dtype.
     CorrespondenceError
-        If the shape of ``pairs`` is wrong, an index is negative, or weights do not fit.
+        If the shape of ``pairs`` is wrong, an index is negative, or weights, places, names,
+        coordinates or distances do not fit.
 
     See Also
     --------
     Correspondence.from_vertices : From the template point of each vertex.
     Correspondence.from_template : From the vertex of each template point (``.vts`` files).
-    Correspondence.from_matrix : From a sparse, soft or barycentric matrix.
+    Correspondence.from_matrix : From a sparse or soft matrix.
+    Correspondence.from_points : From landmarks that were measured between vertices.
 
     Examples
     --------
@@ -92,6 +128,10 @@ class Correspondence:
     weights: FloatArray | None = field(default=None, kw_only=True)
     symmetric_weights: FloatArray | None = field(default=None, kw_only=True)
     n_vertices: int | None = field(default=None, kw_only=True)
+    places: SurfacePlaces | None = field(default=None, kw_only=True)
+    names: tuple[str, ...] | None = field(default=None, kw_only=True)
+    coordinates: FloatArray | None = field(default=None, kw_only=True)
+    distance: FloatArray | None = field(default=None, kw_only=True)
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "pairs", read_only(check_pairs(self.pairs, "pairs")))
@@ -100,6 +140,17 @@ class Correspondence:
         )
         if self.n_vertices is not None:
             check_number(self.n_vertices, "n_vertices", low=0, integer=True)
+        self._check_symmetric()
+        n_pairs = len(self.pairs)
+        for what, checked in {
+            "places": _check_places(self.places, self.pairs),
+            "names": _check_names(self.names, self.pairs, self.symmetric_pairs),
+            "coordinates": _check_rows(self.coordinates, (n_pairs, 3), "coordinates"),
+            "distance": _check_rows(self.distance, (n_pairs,), "distance"),
+        }.items():
+            object.__setattr__(self, what, checked)
+
+    def _check_symmetric(self) -> None:
         if self.symmetric_pairs is None:
             if self.symmetric_weights is not None:
                 raise CorrespondenceError("symmetric_weights are given without symmetric_pairs.")
@@ -120,7 +171,9 @@ class Correspondence:
             self.symmetric_weights,
             self.n_vertices,
         )
-        return _correspondence, parts
+        more = {what: getattr(self, what) for what in _MORE}
+        known = {what: value for what, value in more.items() if value is not None}
+        return _correspondence, (*parts, known) if known else parts
 
     def __deepcopy__(self, memo: object) -> Self:
         """Return the correspondence itself: it cannot change."""
@@ -130,7 +183,9 @@ class Correspondence:
         """Return a line with counts."""
         symmetric = "none" if self.symmetric_pairs is None else len(self.symmetric_pairs)
         soft = "" if self.weights is None else ", soft"
-        return f"Correspondence(n_pairs={len(self.pairs)}, n_symmetric_pairs={symmetric}{soft})"
+        named = "" if self.names is None else ", named"
+        counts = f"n_pairs={len(self.pairs)}, n_symmetric_pairs={symmetric}"
+        return f"Correspondence({counts}{soft}{named})"
 
     @classmethod
     def from_vertices(cls, points: object, symmetric: object | None = None) -> Self:
@@ -183,7 +238,10 @@ class Correspondence:
 
     @classmethod
     def from_matrix(cls, matrix: object, symmetric: object | None = None) -> Self:
-        """Make a correspondence from a soft or barycentric matrix.
+        """Make a correspondence from a soft matrix.
+
+        Each entry becomes a pair. Places between vertices are better given by `from_points`, or as
+        ``places``: one pair each.
 
         Parameters
         ----------
@@ -212,6 +270,87 @@ class Correspondence:
             n_vertices=n_vertices,
         )
 
+    @classmethod
+    def from_points(
+        cls,
+        points: npt.ArrayLike | Landmarks,
+        mesh: Any,
+        names: Sequence[str] | None = None,
+        *,
+        max_distance: float = 0.2,
+    ) -> Self:
+        """Make a correspondence from measured points, each put onto the nearest face of the mesh.
+
+        Parameters
+        ----------
+        points : array-like of shape (n_points, 3), or Landmarks
+            Coordinates in the units and the system of the mesh; point ``t`` is template point
+            ``t``. A row of NaN is missing on this shape.
+        mesh : Mesh, trimesh.Trimesh or (vertices, faces)
+            The shape as it is given to the pipeline. Faces that are not sound are left alone.
+        names : sequence of str, optional
+            Name of each point. Those of `Landmarks` are taken as they are.
+        max_distance : float, default=0.2
+            Largest distance of a point from the surface, as a share of the largest extent of the
+            mesh.
+
+        Returns
+        -------
+        Correspondence
+            One pair per point that is not missing, with ``places``, ``coordinates`` and
+            ``distance``.
+
+        Raises
+        ------
+        CorrespondenceError
+            If a point lies farther than ``max_distance`` from the surface, or all of them lie off
+            it; the message says whether another unit or another system of coordinates would explain
+            that. Nothing is changed in silence.
+        TypeError
+            If ``mesh`` is something else, for instance a path.
+        MeshError
+            If ``mesh`` has no sound face.
+
+        Examples
+        --------
+        >>> from skfmap import Correspondence
+        >>> triangle = [[0.0, 0, 0], [10, 0, 0], [0, 10, 0]], [[0, 1, 2]]
+        >>> marks = Correspondence.from_points([[2, 3, 0.1]], triangle, names=["tip"])
+        >>> marks
+        Correspondence(n_pairs=1, n_symmetric_pairs=none, named)
+        >>> marks.places.weights.round(2).tolist(), marks.distance.round(2).tolist()
+        ([[0.5, 0.2, 0.3]], [0.1])
+        """
+        check_number(max_distance, "max_distance", low=0)
+        if isinstance(points, Landmarks) and names is not None:
+            raise CorrespondenceError("Landmarks have names of their own; leave out names.")
+        marks = points if isinstance(points, Landmarks) else Landmarks(points, names)
+        on = mesh_arrays(mesh, marks.name)
+        placed = np.flatnonzero(marks.placed)
+        at = marks.points[placed]
+        called = [marks.names[t] for t in placed]
+        places, distance = put_on_surface(at, called, on, float(max_distance))
+        unnamed = names is None and not isinstance(points, Landmarks)
+        return cls(
+            np.column_stack([places.vertices, placed]),
+            n_vertices=len(on.vertices),
+            places=places,
+            names=None if unnamed else marks.names,
+            coordinates=at,
+            distance=distance,
+        )
+
+    @property
+    def corners(self) -> IntArray:
+        """Vertices that the pairs stand on: shape (n_pairs, 3) with ``places``, else one column."""
+        return self.pairs[:, :1] if self.places is None else self.places.corners
+
+    @property
+    def known_names(self) -> tuple[str, ...]:
+        """Names of the template points that the shape has; none where they have no names."""
+        has = set(self.pairs[:, 1].tolist())
+        return tuple(name for t, name in enumerate(self.names or ()) if t in has)
+
     @property
     def has_symmetric(self) -> bool:
         """Whether a symmetric answer is known."""
@@ -223,7 +362,8 @@ class Correspondence:
         Parameters
         ----------
         other : Correspondence
-            Of S_0. Template points that are missing on either side drop out.
+            Of S_0. Template points that are missing on either side drop out. Where both have names,
+            points of the same name are the same; ``points`` of the result are numbered as here.
         symmetric : bool
             Whether to lead to the symmetric counterparts on S_0.
 
@@ -235,16 +375,18 @@ class Correspondence:
         Raises
         ------
         CorrespondenceError
-            If ``symmetric`` and ``other`` has no symmetric answer.
+            If ``symmetric`` and ``other`` has no symmetric answer, only one of the two has names,
+            or they have no name in common.
         """
-        pairs_0, weights_0 = other.pairs, other.weights
+        pairs_0, weights_0, places_0 = other.pairs, other.weights, other.places
         if symmetric:
             if other.symmetric_pairs is None:
                 raise CorrespondenceError(
                     "The reference has no symmetric answer; give its Correspondence "
                     "symmetric_pairs, or score directly."
                 )
-            pairs_0, weights_0 = other.symmetric_pairs, other.symmetric_weights
+            pairs_0, weights_0, places_0 = other.symmetric_pairs, other.symmetric_weights, None
+        pairs_0 = _numbered_as(self.names, other.names, pairs_0)
         order = np.argsort(pairs_0[:, 1], kind="stable")
         points_0 = pairs_0[order, 1]
         first = np.searchsorted(points_0, self.pairs[:, 1], side="left")
@@ -259,8 +401,47 @@ class Correspondence:
         kept = weights > 0
         rows_i, rows_0 = rows_i[kept], rows_0[kept]
         return JoinedPairs(
-            self.pairs[rows_i, 0], pairs_0[rows_0, 0], self.pairs[rows_i, 1], weights[kept]
+            self.pairs[rows_i, 0],
+            pairs_0[rows_0, 0],
+            self.pairs[rows_i, 1],
+            weights[kept],
+            None if self.places is None else self.places.take(rows_i),
+            None if places_0 is None else places_0.take(rows_0),
         )
+
+    def number_by(self, names: Sequence[str]) -> "Correspondence":
+        """Return the correspondence with template points numbered as their names are listed.
+
+        Parameters
+        ----------
+        names : sequence of str
+            Names, all different. Points whose names are not among them drop out.
+
+        Returns
+        -------
+        Correspondence
+            With these names.
+
+        Raises
+        ------
+        CorrespondenceError
+            If the correspondence has no names, or none of them is in the list.
+
+        Examples
+        --------
+        >>> from skfmap import Correspondence
+        >>> found = Correspondence([[10, 0], [25, 1]], names=["nose", "chin"])
+        >>> found.number_by(["chin", "ear", "nose"]).pairs.tolist()
+        [[10, 2], [25, 0]]
+        """
+        wanted = tuple(names)
+        if wanted == self.names:
+            return self
+        pairs = _numbered_as(wanted, self.names, self.pairs)
+        symmetric = self.symmetric_pairs
+        if symmetric is not None:
+            symmetric = _numbered_as(wanted, self.names, symmetric)
+        return self._with(pairs, symmetric, wanted)
 
     def renumber(self, vertex_map: object) -> "Correspondence":
         """Return the correspondence of a shape whose vertices have other numbers now.
@@ -273,7 +454,8 @@ class Correspondence:
         Returns
         -------
         Correspondence
-            Pairs and symmetric pairs of the vertices that are left.
+            Pairs and symmetric pairs of the vertices that are left. A place between vertices is
+            left where half of its weight or more is at vertices that are; these share the rest.
 
         Raises
         ------
@@ -304,23 +486,24 @@ class Correspondence:
                 f"made for {self.n_vertices}."
             )
         check_index_range(self.pairs[:, 0], len(new), "The pairs")
-        pairs, weights = _renumbered(self.pairs, self.weights, new)
-        symmetric, symmetric_weights = None, None
-        if self.symmetric_pairs is not None:
-            check_index_range(self.symmetric_pairs[:, 0], len(new), "The symmetric pairs")
-            symmetric, symmetric_weights = _renumbered(
-                self.symmetric_pairs, self.symmetric_weights, new
-            )
+        check_index_range(self.corners, len(new), "The places")
+        places = None if self.places is None else _renumbered(self.places, new)
+        vertices = new[self.pairs[:, 0]] if places is None else places.vertices
+        symmetric = self.symmetric_pairs
+        if symmetric is not None:
+            check_index_range(symmetric[:, 0], len(new), "The symmetric pairs")
+            symmetric = np.column_stack([new[symmetric[:, 0]], symmetric[:, 1]])
         # How many vertices there are now is not told: a mended mesh may have new ones at its end.
-        return _correspondence(pairs, symmetric, weights, symmetric_weights, None)
+        moved = np.column_stack([vertices, self.pairs[:, 1]])
+        return self._with(moved, symmetric, self.names, places=places, n_vertices=None)
 
     def restrict(self, points: object) -> "Correspondence":
         """Return the correspondence on the given template points only.
 
         Parameters
         ----------
-        points : array-like of int
-            Template points to keep, for instance one half of the landmarks.
+        points : array-like of int or str
+            Template points to keep, for instance one half of the landmarks; by number, or by name.
 
         Returns
         -------
@@ -330,35 +513,116 @@ class Correspondence:
         Raises
         ------
         TypeError
-            If ``points`` holds anything but integers.
+            If ``points`` holds anything but integers or names.
+        CorrespondenceError
+            If a name is none of those that the template points have.
         """
         kept = as_array(points, "points", TypeError)
+        if kept.dtype.kind == "U":
+            kept = _numbers_of(kept.ravel().tolist(), self.names)
         if not np.issubdtype(kept.dtype, np.integer):
             raise TypeError(
                 "points must be template points, an array of integers; got "
                 f"{type(points).__name__}."
             )
-        rows = np.isin(self.pairs[:, 1], kept)
-        weights = None if self.weights is None else self.weights[rows]
-        if self.symmetric_pairs is None:
-            return Correspondence(self.pairs[rows], weights=weights, n_vertices=self.n_vertices)
-        sym_rows = np.isin(self.symmetric_pairs[:, 1], kept)
-        sym_weights = None if self.symmetric_weights is None else self.symmetric_weights[sym_rows]
+        pairs, symmetric = self.pairs, self.symmetric_pairs
+        pairs = np.where(np.isin(pairs[:, 1:], kept), pairs, -1)
+        if symmetric is not None:
+            symmetric = np.where(np.isin(symmetric[:, 1:], kept), symmetric, -1)
+        return self._with(pairs, symmetric, self.names)
+
+    def _with(
+        self,
+        pairs: IntArray,
+        symmetric: IntArray | None,
+        names: tuple[str, ...] | None,
+        **changes: Any,
+    ) -> "Correspondence":
+        """Return the same with other pairs, row by row, without those that hold -1."""
+        rows = (pairs >= 0).all(axis=1)
+        places = changes.get("places", self.places)
+        more: dict[str, Any] = {
+            "weights": self.weights,
+            "coordinates": self.coordinates,
+            "distance": self.distance,
+        }
+        kept = {what: None if each is None else each[rows] for what, each in more.items()}
+        if symmetric is not None:
+            sym_rows, sym_weights = (symmetric >= 0).all(axis=1), self.symmetric_weights
+            symmetric = symmetric[sym_rows]
+            kept["symmetric_weights"] = None if sym_weights is None else sym_weights[sym_rows]
         return Correspondence(
-            self.pairs[rows],
-            self.symmetric_pairs[sym_rows],
-            weights=weights,
-            symmetric_weights=sym_weights,
-            n_vertices=self.n_vertices,
+            pairs[rows],
+            symmetric,
+            **kept,
+            n_vertices=changes.get("n_vertices", self.n_vertices),
+            places=None if places is None else places.take(rows),
+            names=names,
         )
 
 
-def _renumbered(
-    pairs: IntArray, weights: FloatArray | None, new: IntArray
-) -> tuple[IntArray, FloatArray | None]:
-    kept = new[pairs[:, 0]] >= 0
-    moved = np.column_stack([new[pairs[kept, 0]], pairs[kept, 1]])
-    return moved, None if weights is None else weights[kept]
+# What pickles of 0.1.0 do not have.
+_MORE = ("places", "names", "coordinates", "distance")
+# How far from 1 the weights of a place may sum.
+_ROUNDING = 1e-6
+
+
+def _renumbered(places: SurfacePlaces, new: IntArray) -> SurfacePlaces:
+    """Return places on vertices of other numbers; -1 throughout where most of a place is gone."""
+    corners = new[places.corners]
+    left = np.where(corners >= 0, places.weights, 0.0)
+    whole = left.sum(axis=1, keepdims=True)
+    moved = SurfacePlaces(corners, np.where(whole < 1 - _ROUNDING, left / _above_0(whole), left))
+    # A corner that is gone has no weight; a vertex has to stand there.
+    corners = np.where(corners >= 0, corners, moved.vertices[:, None])
+    return SurfacePlaces(np.where(whole >= 0.5, corners, -1), moved.weights)
+
+
+def _above_0(values: FloatArray) -> FloatArray:
+    return np.where(values > 0, values, 1.0)
+
+
+def _numbered_as(
+    names: tuple[str, ...] | None, names_0: tuple[str, ...] | None, pairs_0: IntArray
+) -> IntArray:
+    """Return pairs with their points, called ``names_0``, numbered as in ``names``, or -1."""
+    if names == names_0:
+        return pairs_0
+    if names is None or names_0 is None:
+        told = _told(names or names_0 or ())
+        raise CorrespondenceError(
+            f"Of two correspondences, one names its template points ({told}) and the other does "
+            "not. Give names to both, or to neither."
+        )
+    if not set(names) & set(names_0):
+        raise CorrespondenceError(
+            f"Two correspondences have no name of a template point in common: {_told(names)} "
+            f"against {_told(names_0)}."
+        )
+    number = {name: t for t, name in enumerate(names)}
+    new = np.array([number.get(name, -1) for name in names_0], dtype=np.int64)
+    return np.column_stack([pairs_0[:, 0], new[pairs_0[:, 1]]])
+
+
+def _told(names: Sequence[str]) -> str:
+    return ", ".join(names[:_MOST_TOLD]) + (", ..." if len(names) > _MOST_TOLD else "")
+
+
+# Names that a message lists.
+_MOST_TOLD = 60
+
+
+def _numbers_of(chosen: list[str], names: tuple[str, ...] | None) -> IntArray:
+    if names is None:
+        raise CorrespondenceError(
+            "The template points have no names; give their numbers, or make the correspondence "
+            "with names."
+        )
+    if strange := [name for name in chosen if name not in names]:
+        raise CorrespondenceError(
+            f"No template point is called {_told(strange)}; there are {_told(names)}."
+        )
+    return np.array([names.index(name) for name in chosen], dtype=np.int64)
 
 
 def _correspondence(
@@ -367,6 +631,7 @@ def _correspondence(
     weights: FloatArray | None,
     symmetric_weights: FloatArray | None,
     n_vertices: int | None,
+    more: dict[str, Any] | None = None,
 ) -> Correspondence:
     return Correspondence(
         pairs,
@@ -374,7 +639,67 @@ def _correspondence(
         weights=weights,
         symmetric_weights=symmetric_weights,
         n_vertices=n_vertices,
+        **(more or {}),
     )
+
+
+def _check_places(places: Any, pairs: IntArray) -> SurfacePlaces | None:
+    if places is None:
+        return None
+    if not isinstance(places, tuple) or len(places) != 2:
+        raise CorrespondenceError("places must be a pair of arrays, (corners, weights).")
+    shape = (len(pairs), 3)
+    corners = as_array(places[0], "The corners of places", CorrespondenceError)
+    if corners.shape != shape or not np.issubdtype(corners.dtype, np.integer):
+        raise CorrespondenceError(
+            f"The corners of places must be integers of shape {shape}, three for each pair; got "
+            f"{corners.dtype} of shape {corners.shape}."
+        )
+    if corners.min(initial=0) < 0:
+        raise CorrespondenceError(f"The corners of places hold the negative index {corners.min()}.")
+    weights = as_reals(places[1], "The weights of places", CorrespondenceError)
+    if weights.shape != shape or not (weights >= 0).all():
+        raise CorrespondenceError(
+            f"The weights of places must be non-negative, of shape {shape}; got {weights.shape}."
+        )
+    if not (np.abs(weights.sum(axis=1) - 1) <= _ROUNDING).all():
+        raise CorrespondenceError("The weights of each place must sum to 1.")
+    at_vertex = np.where(corners == pairs[:, :1], weights, -1.0).max(axis=1, initial=-1.0)
+    if (at_vertex < weights.max(axis=1, initial=0.0)).any():
+        wrong = int(np.flatnonzero(at_vertex < weights.max(axis=1))[0])
+        raise CorrespondenceError(
+            f"Pair {wrong} is at vertex {pairs[wrong, 0]}, but its place has most weight at "
+            f"another corner: {corners[wrong].tolist()}, {weights[wrong].tolist()}."
+        )
+    return SurfacePlaces(read_only(np.array(corners, dtype=np.int64)), read_only(weights))
+
+
+def _check_names(names: Any, pairs: IntArray, symmetric: IntArray | None) -> tuple[str, ...] | None:
+    if names is None:
+        return None
+    if isinstance(names, str) or not all(isinstance(name, str) for name in names):
+        raise CorrespondenceError(f"names must be a sequence of texts; got {names!r}.")
+    out = tuple(str(name) for name in names)
+    if twice := sorted({name for name in out if out.count(name) > 1}):
+        raise CorrespondenceError(f"Several template points have one name: {', '.join(twice)}.")
+    for each in (pairs, symmetric):
+        if each is not None and each[:, 1].max(initial=-1) >= len(out):
+            raise CorrespondenceError(
+                f"There are {len(out)} names, but pairs of template point {each[:, 1].max()}; "
+                "points are counted from 0."
+            )
+    return out
+
+
+def _check_rows(values: Any, shape: tuple[int, ...], who: str) -> FloatArray | None:
+    if values is None:
+        return None
+    out = as_reals(values, who, CorrespondenceError)
+    if out.shape != shape or not np.isfinite(out).all():
+        raise CorrespondenceError(
+            f"{who} must be finite, of shape {shape}, one row per pair; got shape {out.shape}."
+        )
+    return read_only(out)
 
 
 def _enumerate(values: object, who: str) -> tuple[IntArray, int]:

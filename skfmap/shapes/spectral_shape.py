@@ -12,6 +12,7 @@ from skfmap._tools.validation import as_reals
 from skfmap.shapes.given_mesh import GivenMesh
 from skfmap.shapes.mesh import Mesh
 from skfmap.shapes.prolongation import Prolongation
+from skfmap.shapes.surface_places import SurfacePlaces
 
 __all__ = ["SpectralShape"]
 
@@ -109,7 +110,9 @@ class SpectralShape:
             return sp.eye_array(self.mesh.n_vertices, format="csr")
         return self.prolongation.matrix(self.mesh.faces, self.mesh.n_vertices)
 
-    def evecs_at(self, given: IntArray, n_components: int) -> FloatArray:
+    def evecs_at(
+        self, given: IntArray, n_components: int, places: SurfacePlaces | None = None
+    ) -> FloatArray:
         """Return the first eigenfunctions at given vertices, interpolated on the working mesh.
 
         Parameters
@@ -118,12 +121,16 @@ class SpectralShape:
             Vertices of the given mesh.
         n_components : int
             How many functions.
+        places : SurfacePlaces, optional
+            Places on the given mesh where they are wanted instead; means over their corners.
 
         Returns
         -------
         ndarray of shape (n, n_components)
             Their values; 0 at vertices without a place.
         """
+        if places is not None:
+            return places.means(self.evecs_at(places.corners.ravel(), n_components))
         if self.prolongation is None:
             return self.evecs[given, :n_components]
         rows = self.prolongation.matrix(self.mesh.faces, self.mesh.n_vertices, given)
@@ -144,6 +151,30 @@ class SpectralShape:
         return self.mesh.faces[face], np.column_stack(
             [np.maximum(1 - last_two.sum(axis=1), 0.0), last_two]
         )
+
+    def place_matrix(self, given: IntArray, places: SurfacePlaces | None = None) -> SparseMatrix:
+        """Return where given vertices, or places on the given mesh, lie on the working mesh.
+
+        Parameters
+        ----------
+        given : ndarray of int, shape (n,)
+            Vertices of the given mesh.
+        places : SurfacePlaces, optional
+            Places on its faces; these are then asked about.
+
+        Returns
+        -------
+        sparse array of shape (n, n_vertices)
+            Weights of working vertices.
+        """
+        corners, weights = self.places_of(given if places is None else places.corners.ravel())
+        n = len(given)
+        if places is not None:
+            weights = weights * places.weights.reshape(-1, 1)
+            n = len(places.corners)
+        rows = np.repeat(np.arange(n), 3 if places is None else 9)
+        shape = (n, self.mesh.n_vertices)
+        return sp.coo_array((weights.ravel(), (rows, corners.ravel())), shape=shape).tocsr()
 
     def working_vertices(self, given: IntArray) -> IntArray:
         """Return the working vertex nearest to each of some given vertices; -1 without a place."""

@@ -1,0 +1,126 @@
+"""Points that were placed once on the reference, on all specimens."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from skfmap._tools.types import FloatArray, IntArray
+from skfmap._tools.validation import check_samples
+from skfmap.exceptions import MeshError
+from skfmap.geometry.closest import ClosestPoints
+from skfmap.geometry.places import Surface
+from skfmap.shapes import Landmarks, Match, Mesh, Registered
+
+__all__ = ["carry_points"]
+
+
+def carry_points(
+    carriers: Sequence[Registered] | Sequence[Match],
+    points: Landmarks,
+    reference: Mesh,
+    meshes: Sequence[Mesh] | None = None,
+) -> list[Landmarks]:
+    """Carry points of the reference, as of a patch or a curve, onto all specimens.
+
+    Each point is a place on a triangle of the reference's mesh. It goes where the triangle goes,
+    and from there to the nearest point of the specimen's own surface, if that is given.
+
+    Parameters
+    ----------
+    carriers : sequence of Registered, or of Match
+        From `skfmap.register`, or from `skfmap.match`. Registered meshes are smoother, and
+        a match knows vertices alone.
+    points : Landmarks
+        Semilandmarks on the reference, placed once, in units and place of its mesh; missing ones
+        stay missing.
+    reference : Mesh
+        The reference's mesh as it was given.
+    meshes : sequence of Mesh, optional
+        The specimens' own meshes; needed for matches.
+
+    Returns
+    -------
+    list of Landmarks
+        One for each specimen, in units and place of its mesh, with the names of ``points``. All are
+        missing on a shape that was left out.
+
+    Raises
+    ------
+    MeshError
+        If the reference is another mesh than the one that was laid on or matched to, or does not
+        fit a shape.
+
+    See Also
+    --------
+    slide : Take out where along the surface they happened to be put.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from skfmap import Landmarks
+    >>> from skfmap.datasets import make_sphere
+    >>> from skfmap.landmarks import carry_points
+    >>> from skfmap.shapes import Registered
+    >>> ball = make_sphere(n_subdivisions=1)
+    >>> far = np.zeros(18)
+    >>> large = Registered(10 * ball.vertices, ball.faces, far, 0, 0.0, 0.0, 0.0, fits=True)
+    >>> middle = Landmarks([ball.vertices[ball.faces[0]].mean(axis=0)], ["middle"])
+    >>> on_it, = carry_points([large], middle, ball)
+    >>> bool(np.allclose(on_it.points, 10 * middle.points, atol=1e-5))
+    True
+    """
+    every = check_samples(carriers, "Registered or Match", "carriers")
+    own: list[Mesh | None] = [None] * len(every) if meshes is None else list(meshes)
+    if len(own) != len(every):
+        raise ValueError(f"There are {len(every)} shapes but {len(own)} meshes; give one for each.")
+    corners, weights = _places(points, reference)
+    out = []
+    for i, (one, mesh) in enumerate(zip(every, own, strict=True)):
+        laid = _laid(one, mesh, reference, f"carriers[{i}]" if one.name is None else repr(one.name))
+        there = np.full((len(points.names), 3), np.nan)
+        there[points.placed] = np.einsum("nc,nca->na", weights, laid[corners])
+        out.append(Landmarks(_on_surface(there, mesh), points.names, name=one.name))
+    return out
+
+
+def _places(points: Landmarks, reference: Mesh) -> tuple[IntArray, FloatArray]:
+    """Return the corners of the triangle that each placed point lies on, and their weights."""
+    near = ClosestPoints(reference.vertices, reference.faces).of(points.points[points.placed])
+    places = Surface(reference.vertices, reference.faces).locate(near.points, near.normals)
+    second, third = places.coordinates.astype(np.float64).T
+    return reference.faces[places.face], np.column_stack([1 - second - third, second, third])
+
+
+def _laid(one: Registered | Match, mesh: Mesh | None, reference: Mesh, who: str) -> FloatArray:
+    """Return where the vertices of the reference are on a shape; NaN if they are nowhere."""
+    if isinstance(one, Registered):
+        if not one.fits and np.isfinite(one.vertices).all():
+            raise MeshError(
+                f"{who}: the reference does not fit. Leave it out: [one for one in registered if "
+                "one.fits]."
+            )
+        laid, same = one.vertices, np.array_equal(one.faces, reference.faces)
+    elif isinstance(one, Match):
+        if mesh is None or one.inverse is None:
+            raise ValueError(f"{who}: a match needs the shape's own mesh; give meshes.")
+        laid = np.vstack([mesh.vertices, np.full(3, np.nan)])[one.inverse]  # -1 finds the last
+        same = True
+    else:
+        raise TypeError(
+            f"{who} must be what skfmap.register or skfmap.match returns; got {type(one).__name__}."
+        )
+    if len(laid) != reference.n_vertices or not same:
+        raise MeshError(
+            f"{who} has another reference, of {len(laid)} vertices, than the mesh given for it, "
+            f"of {reference.n_vertices}; give the mesh of {one.reference_name!r}."
+        )
+    return np.asarray(laid)
+
+
+def _on_surface(points: FloatArray, mesh: Mesh | None) -> FloatArray:
+    known = ~np.isnan(points[:, 0])
+    if mesh is None or not known.any():
+        return points
+    out = points.copy()
+    out[known] = ClosestPoints(mesh.vertices, mesh.faces).of(points[known]).points
+    return out

@@ -1,0 +1,167 @@
+"""What a mean error hides: predictions nearer to the mean than specimens are."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from skfmap._tools.types import FloatArray
+from skfmap.exceptions import CorrespondenceError
+from skfmap.landmarks.alignment import align_landmarks
+from skfmap.landmarks.tables import (
+    centroid_sizes,
+    check_landmarks,
+    landmark_names,
+    stack_landmarks,
+)
+from skfmap.shapes import Landmarks
+
+__all__ = ["Shrinkage", "shrinkage"]
+
+# Fewer specimens than this do not vary in a way that could be told.
+_FEWEST = 3
+
+
+@dataclass(frozen=True, repr=False)
+class Shrinkage:
+    """How much of the variation of specimens their predicted landmarks keep.
+
+    Attributes
+    ----------
+    variance_ratio : float
+        Variance of the predicted landmarks over that of the true ones, summed over landmarks: 1
+        where they vary as much, below where predictions shrink to the mean, above where their
+        errors add more than they lose.
+    per_landmark : ndarray of shape (n_landmarks,)
+        The same for each landmark; NaN where fewer than three specimens have it, or it does not
+        vary.
+    size_slope : float
+        Slope of the predicted centroid size on the true one, by least squares: 1 where large
+        specimens are predicted as large as they are. Errors that are not shrinkage leave it alone.
+        NaN if fewer than three specimens have all landmarks, or all are of one size.
+    names : tuple of str
+        Of the landmarks.
+    n_specimens : int
+        How many were compared.
+    """
+
+    variance_ratio: float
+    per_landmark: FloatArray
+    size_slope: float
+    names: tuple[str, ...]
+    n_specimens: int
+
+    def __repr__(self) -> str:
+        """Return a line with both figures, and the landmark that shrinks the most."""
+        told = self.per_landmark[~np.isnan(self.per_landmark)]
+        least = ""
+        if len(told):
+            at = int(np.nanargmin(self.per_landmark))
+            least = f", least {self.per_landmark[at]:.2f} at {self.names[at]!r}"
+        slope = "unknown" if np.isnan(self.size_slope) else f"{self.size_slope:.2f}"
+        return (
+            f"Shrinkage(variance_ratio={self.variance_ratio:.2f}{least}, size_slope={slope}, "
+            f"n_specimens={self.n_specimens})"
+        )
+
+
+def shrinkage(predicted: Sequence[Landmarks], true: Sequence[Landmarks]) -> Shrinkage:
+    """Compare how predicted and true landmarks vary from specimen to specimen.
+
+    Each set is turned and shifted onto its own mean in its own size, as a shape analysis would do
+    with it, so that specimens may lie anywhere; then variances about the means are compared.
+
+    Parameters
+    ----------
+    predicted : sequence of Landmarks
+        One for each specimen, as of `skfmap.predict_landmarks`, of specimens that were not learned
+        from.
+    true : sequence of Landmarks
+        Of the same specimens in the same order. A landmark that is missing in one of the two counts
+        in neither.
+
+    Returns
+    -------
+    Shrinkage
+        Ratios of variances and the slope of sizes.
+
+    Raises
+    ------
+    CorrespondenceError
+        If the specimens are not the same, or no landmarks have one name.
+    ValueError
+        If there are fewer than three specimens.
+
+    Examples
+    --------
+    Predictions that are half as far from the mean as they should be keep a quarter of the variance:
+
+    >>> import numpy as np
+    >>> from skfmap import Landmarks
+    >>> from skfmap.landmarks import shrinkage
+    >>> base = np.array([[0.0, 0, 0], [1, 0, 0], [0, 2, 0], [0, 0, 3]])
+    >>> true = [Landmarks(base * size) for size in (0.8, 1.0, 1.2)]
+    >>> predicted = [Landmarks(base * size) for size in (0.9, 1.0, 1.1)]
+    >>> found = shrinkage(predicted, true)
+    >>> round(found.variance_ratio, 6), round(found.size_slope, 6)
+    (0.25, 0.5)
+    """
+    ours, theirs = check_landmarks(predicted, "predicted"), check_landmarks(true, "true")
+    _check_same_specimens(ours, theirs)
+    shared = [name for name in landmark_names(theirs) if name in landmark_names(ours)]
+    if not shared:
+        raise CorrespondenceError(
+            "Predicted and true landmarks have no name in common: "
+            f"{', '.join(landmark_names(ours))} against {', '.join(landmark_names(theirs))}."
+        )
+    a, b = stack_landmarks(ours, shared), stack_landmarks(theirs, shared)
+    known = ~np.isnan(a + b)
+    a, b = np.where(known, a, np.nan), np.where(known, b, np.nan)
+    of_predicted, of_true = (_variances(align_landmarks(one)) for one in (a, b))
+    told = ~np.isnan(of_predicted + of_true)
+    return Shrinkage(
+        _ratio(of_predicted[told].sum(), of_true[told].sum()),
+        np.array([_ratio(p, t) for p, t in zip(of_predicted, of_true, strict=True)]),
+        _slope(centroid_sizes(b), centroid_sizes(a)),
+        tuple(shared),
+        len(a),
+    )
+
+
+def _check_same_specimens(predicted: list[Landmarks], true: list[Landmarks]) -> None:
+    if len(predicted) != len(true):
+        raise CorrespondenceError(
+            f"There are {len(predicted)} predicted specimens but {len(true)} true ones; give the "
+            "same in the same order."
+        )
+    for i, (a, b) in enumerate(zip(predicted, true, strict=True)):
+        if a.name is not None and b.name is not None and a.name != b.name:
+            raise CorrespondenceError(
+                f"predicted[{i}] is {a.name!r} but true[{i}] is {b.name!r}; give the same "
+                "specimens in the same order."
+            )
+    if len(true) < _FEWEST:
+        raise ValueError(
+            f"It takes {_FEWEST} specimens to tell how they vary; got {len(true)}. Predict more of "
+            "them, each left out of the training in turn."
+        )
+
+
+def _variances(aligned: FloatArray) -> FloatArray:
+    """Return the variance of each landmark about its mean, NaN for those of too few specimens."""
+    counts = (~np.isnan(aligned[:, :, 0])).sum(axis=0)
+    mean = np.nansum(aligned, axis=0) / np.maximum(counts, 1)[:, None]
+    squares = np.nansum(np.square(aligned - mean), axis=(0, 2))
+    return np.where(counts >= _FEWEST, squares / np.maximum(counts - 1, 1), np.nan)
+
+
+def _ratio(over: float, under: float) -> float:
+    return float(over / under) if under > 0 else float("nan")
+
+
+def _slope(x: FloatArray, y: FloatArray) -> float:
+    known = ~np.isnan(x + y)
+    x, y = x[known], y[known]
+    if len(x) < _FEWEST:
+        return float("nan")
+    return _ratio(float((x - x.mean()) @ (y - y.mean())), float(np.square(x - x.mean()).sum()))

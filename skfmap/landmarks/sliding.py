@@ -1,0 +1,291 @@
+"""Semilandmarks that slide along surfaces and curves until a thin plate is bent least."""
+
+from collections.abc import Callable, Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from skfmap._tools.types import FloatArray, IntArray
+from skfmap._tools.validation import check_number
+from skfmap.exceptions import CorrespondenceError
+from skfmap.functional.subvertex import nearest_on_triangles
+from skfmap.geometry.closest import ClosestPoints
+from skfmap.landmarks.alignment import align_landmarks
+from skfmap.landmarks.tables import check_landmarks, landmark_names, stack_landmarks
+from skfmap.landmarks.thin_plate import bending_matrix
+from skfmap.shapes import Landmarks, Mesh
+
+__all__ = ["slide"]
+
+# Singular values of the systems below this share of the largest are movements that bend nothing.
+_FREE = 1e-10
+# Where the surface is curved, a step can miss what its tangent planes promise; so often it is
+# halved.
+_HALVINGS = 6
+
+
+def slide(
+    landmarks: Sequence[Landmarks],
+    meshes: Sequence[Mesh] | None = None,
+    *,
+    surfaces: Sequence[str] = (),
+    curves: Sequence[Sequence[str]] = (),
+    reference: Landmarks | None = None,
+    n_rounds: int = 5,
+) -> list[Landmarks]:
+    """Slide semilandmarks along surfaces and curves to where they bend the reference least.
+
+    Where on a surface a semilandmark was put means nothing; only the surface does. Each is moved in
+    its tangent plane, or along its curve, so that the thin-plate spline from the reference has the
+    least bending energy (Bookstein 1997, Gunz et al. 2005), and put back onto the surface or the
+    curve. Landmarks that are named nowhere are fixed.
+
+    Parameters
+    ----------
+    landmarks : sequence of Landmarks
+        Landmarks and semilandmarks of each specimen. Fixed ones may be missing.
+    meshes : sequence of Mesh, optional
+        The specimens' meshes; needed for ``surfaces``. Points of curves are put back onto them too.
+    surfaces : sequence of str, default=()
+        Names of the semilandmarks that slide on the surface.
+    curves : sequence of sequence of str, default=()
+        Names of the points of each curve, in order. Those between the first and the last slide
+        along the line through the points as they are given; the first stands at the end again if
+        the curve is closed.
+    reference : Landmarks, optional
+        Configuration that is bent, with all names; by default the mean of the specimens, aligned
+        and brought to one size, and taken again in each round.
+    n_rounds : int, default=5
+        How often points are moved and put back.
+
+    Returns
+    -------
+    list of Landmarks
+        In units and place of each specimen. Fixed landmarks stay where they are.
+
+    Raises
+    ------
+    CorrespondenceError
+        If a name is unknown, slides in two ways, or a point that slides is missing.
+    ValueError
+        If points of the surface are to slide without meshes.
+
+    Notes
+    -----
+    In each round the energy of a specimen, measured against that round's reference, falls or stays.
+    A similarity of a specimen turns, shifts and scales what comes out, no more. Semilandmarks need
+    fixed landmarks around them: four that are not in one plane, or else all may move by an affine
+    map that costs nothing.
+
+    References
+    ----------
+    .. [1] F. L. Bookstein. "Landmark methods for forms without landmarks". Medical Image Analysis,
+       1997.
+    .. [2] P. Gunz, P. Mitteroecker, F. L. Bookstein. "Semilandmarks in three dimensions". Modern
+       Morphometrics in Physical Anthropology, 2005.
+
+    Examples
+    --------
+    A point in the middle of an edge slides on the second specimen to where it is on the first:
+
+    >>> from skfmap import Landmarks
+    >>> from skfmap.landmarks import slide
+    >>> names = ["a", "b", "c", "d", "e", "between"]
+    >>> fixed = [[0, 0, 0], [4, 0, 0], [0, 4, 0], [0, 0, 4], [4, 4, 4]]
+    >>> one = Landmarks([*fixed, [2, 0, 0]], names)
+    >>> other = Landmarks([*fixed, [3, 0, 0]], names)
+    >>> slid, = slide([other], curves=[["a", "between", "b"]], reference=one)
+    >>> slid.point("between").round(6).tolist()
+    [2.0, 0.0, 0.0]
+    """
+    kept = check_landmarks(landmarks)
+    check_number(n_rounds, "n_rounds", low=1, integer=True)
+    names = landmark_names(kept)
+    sliding = _sliding(names, surfaces, curves)
+    points = stack_landmarks(kept)
+    _check_there(points, names, kept, sliding)
+    put_back = _put_back(points, _check_meshes(meshes, len(kept), sliding), sliding)
+    points = np.array([back.onto(one) for back, one in zip(put_back, points, strict=True)])
+    bent = None if reference is None else stack_landmarks([reference], names)[0]
+    for _ in range(n_rounds):
+        mean = _mean(points) if bent is None else bent
+        points = np.array(
+            [_slid(one, mean, sliding, back) for one, back in zip(points, put_back, strict=True)]
+        )
+    return [_like(one, at, names) for one, at in zip(kept, points, strict=True)]
+
+
+class _Sliding(NamedTuple):
+    """Which columns slide on the surface, and the columns of each curve with both ends."""
+
+    surface: IntArray
+    curves: list[IntArray]
+
+
+class _PutBack(NamedTuple):
+    """The way back of one specimen: where points belong, and normals of its surface there."""
+
+    onto: Callable[[FloatArray], FloatArray]
+    normals: Callable[[FloatArray], FloatArray]
+
+
+def _sliding(
+    names: tuple[str, ...], surfaces: Sequence[str], curves: Sequence[Sequence[str]]
+) -> _Sliding:
+    if isinstance(surfaces, str) or any(isinstance(curve, str) for curve in curves):
+        raise TypeError("surfaces must be a list of names, and curves a list of lists of names.")
+    told = [*surfaces, *(name for curve in curves for name in curve)]
+    if unknown := sorted({name for name in told if name not in names}):
+        raise CorrespondenceError(
+            f"{', '.join(unknown)}: no such landmark; there are {', '.join(names)}."
+        )
+    if short := [curve for curve in curves if len(curve) < 3]:
+        raise CorrespondenceError(
+            f"The curve {', '.join(short[0])} has no point between its ends that could slide."
+        )
+    slides = [*surfaces, *(name for curve in curves for name in curve[1:-1])]
+    if twice := sorted({name for name in slides if slides.count(name) > 1}):
+        raise CorrespondenceError(
+            f"{', '.join(twice)}: slides on two curves, or on a curve and on the surface. Name it "
+            "once; the ends of a curve may be named again."
+        )
+    if not slides:
+        raise ValueError("Nothing slides: name points in surfaces or in curves.")
+    column = {name: i for i, name in enumerate(names)}
+    return _Sliding(
+        np.array([column[name] for name in surfaces], dtype=np.int64),
+        [np.array([column[name] for name in curve]) for curve in curves],
+    )
+
+
+def _check_there(
+    points: FloatArray, names: tuple[str, ...], landmarks: list[Landmarks], sliding: _Sliding
+) -> None:
+    needed = np.unique(np.concatenate([sliding.surface, *sliding.curves]))
+    missing = np.isnan(points[:, needed, 0])
+    if missing.any():
+        i, j = np.argwhere(missing)[0]
+        called = landmarks[i].name if landmarks[i].name is not None else f"landmarks[{i}]"
+        raise CorrespondenceError(
+            f"{called} lacks {names[needed[j]]!r}, which slides or ends a curve; leave the "
+            "specimen or the point out."
+        )
+
+
+def _check_meshes(
+    meshes: Sequence[Mesh] | None, n_specimens: int, sliding: _Sliding
+) -> list[ClosestPoints] | None:
+    if meshes is None:
+        if len(sliding.surface):
+            raise ValueError("Points slide on surfaces of meshes; give meshes, one per specimen.")
+        return None
+    if len(meshes) != n_specimens:
+        raise ValueError(
+            f"There are {n_specimens} specimens but {len(meshes)} meshes; give one for each."
+        )
+    return [ClosestPoints(mesh.vertices, mesh.faces) for mesh in meshes]
+
+
+def _put_back(
+    points: FloatArray, meshes: list[ClosestPoints] | None, sliding: _Sliding
+) -> list[_PutBack]:
+    """Return for each specimen how points get back onto its curves and its surface."""
+    inside = [curve[1:-1] for curve in sliding.curves]
+    on_mesh = np.concatenate([sliding.surface, *inside]).astype(np.int64)
+
+    def of_one(points: FloatArray, mesh: ClosestPoints | None) -> _PutBack:
+        lines = [points[curve] for curve in sliding.curves]
+
+        def onto(moved: FloatArray) -> FloatArray:
+            out = moved.copy()
+            for rows, line in zip(inside, lines, strict=True):
+                out[rows] = _nearest_on_line(out[rows], line)
+            if mesh is not None:
+                out[on_mesh] = mesh.of(out[on_mesh]).points
+            return out
+
+        def normals(there: FloatArray) -> FloatArray:
+            return np.empty((0, 3)) if mesh is None else mesh.of(there).normals
+
+        return _PutBack(onto, normals)
+
+    surfaces = [None] * len(points) if meshes is None else meshes
+    return [of_one(one, mesh) for one, mesh in zip(points, surfaces, strict=True)]
+
+
+def _slid(
+    points: FloatArray, reference: FloatArray, sliding: _Sliding, back: _PutBack
+) -> FloatArray:
+    """Return points of one specimen after one step, which lowers their energy or is none."""
+    known = np.flatnonzero(~np.isnan(points[:, 0]) & ~np.isnan(reference[:, 0]))
+    L = np.zeros((len(points), len(points)))
+    L[np.ix_(known, known)] = bending_matrix(reference[known])
+    rows, directions = _tangents(points, sliding, back)
+    step = np.zeros_like(points)
+    np.add.at(step, rows, _best_step(points, L, rows, directions)[:, None] * directions)
+    before = _energy(points, L)
+    for halved in range(_HALVINGS + 1):
+        moved = back.onto(points + step / 2**halved)
+        if _energy(moved, L) < before:
+            return moved
+    return points
+
+
+def _tangents(points: FloatArray, sliding: _Sliding, back: _PutBack) -> tuple[IntArray, FloatArray]:
+    """Return in which directions points may move: the rows of the points, and unit vectors."""
+    rows, directions = [np.empty(0, dtype=np.int64)], [np.empty((0, 3))]
+    for curve in sliding.curves:
+        ahead = points[curve[2:]] - points[curve[:-2]]
+        rows.append(curve[1:-1])
+        directions.append(ahead / np.maximum(np.linalg.norm(ahead, axis=1), 1e-300)[:, None])
+    if len(sliding.surface):
+        normals = back.normals(points[sliding.surface])
+        # The axis that is the farthest from the normal, and what is square to both.
+        axis = np.eye(3)[np.abs(normals).argmin(axis=1)]
+        first = np.cross(normals, axis)
+        first /= np.maximum(np.linalg.norm(first, axis=1), 1e-300)[:, None]
+        rows += [sliding.surface, sliding.surface]
+        directions += [first, np.cross(normals, first)]
+    return np.concatenate(rows), np.concatenate(directions)
+
+
+def _best_step(
+    points: FloatArray, L: FloatArray, rows: IntArray, directions: FloatArray
+) -> FloatArray:
+    """Return how far to go in each direction: where the energy, which is quadratic, is least."""
+    A = L[np.ix_(rows, rows)] * (directions @ directions.T)
+    gradient = np.einsum("nd,nd->n", directions, (L @ _centred(points))[rows])
+    return np.asarray(-np.linalg.lstsq(A, gradient, rcond=_FREE)[0])
+
+
+def _energy(points: FloatArray, L: FloatArray) -> float:
+    centred = _centred(points)
+    return float((centred * (L @ centred)).sum())
+
+
+def _centred(points: FloatArray) -> FloatArray:
+    """Return points about their mean; what is missing becomes 0, where the energy has 0 too."""
+    return np.nan_to_num(points - np.nanmean(points, axis=0))
+
+
+def _nearest_on_line(points: FloatArray, line: FloatArray) -> FloatArray:
+    """Return the nearest points of the line through given ones."""
+    n_segments = len(line) - 1
+    ends = np.stack([line[:-1], line[1:], line[1:]], axis=1)  # triangles without a width
+    weights, squared = nearest_on_triangles(
+        np.repeat(points, n_segments, axis=0), np.tile(ends, (len(points), 1, 1))
+    )
+    best = squared.reshape(len(points), n_segments).argmin(axis=1)
+    chosen = weights.reshape(len(points), n_segments, 3)[np.arange(len(points)), best]
+    return np.asarray(np.einsum("nc,nca->na", chosen, ends[best]))
+
+
+def _mean(points: FloatArray) -> FloatArray:
+    aligned = align_landmarks(points, scale=True)
+    counts = (~np.isnan(aligned[:, :, :1])).sum(axis=0)
+    return np.asarray(np.nansum(aligned, axis=0) / np.where(counts > 0, counts, np.nan))
+
+
+def _like(one: Landmarks, points: FloatArray, names: tuple[str, ...]) -> Landmarks:
+    """Return landmarks with the names of others and new points."""
+    return Landmarks(points[[names.index(name) for name in one.names]], one.names, name=one.name)
