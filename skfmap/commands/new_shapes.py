@@ -82,9 +82,7 @@ def run_on_new_shapes(options: argparse.Namespace, work: Callable[[Any], Work], 
     print(f"{doing.units} The most doubtful come first.")
     for row in failed:
         print(f"Not used: {row.name}: {row.note}")
-    print(
-        f"{len(rows) - len(failed)} of {len(rows)} shapes are in {options.output}, with {summary}."
-    )
+    print(f"Written to {options.output}: {len(rows) - len(failed)} of {len(rows)}, and {summary}.")
     return 1 if failed else 0
 
 
