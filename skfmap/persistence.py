@@ -20,6 +20,7 @@ from skfmap.exceptions import OutdatedModelError
 from skfmap.shapes import (
     Correspondence,
     GivenMesh,
+    Landmarks,
     Mesh,
     ProbedShape,
     Prolongation,
@@ -59,6 +60,7 @@ TRUSTED_TYPES = (
     "skfmap.registration.quality.Quality",
     "skfmap.shape_space.ShapeSpace",
     "skfmap.shapes.correspondence.Correspondence",
+    "skfmap.shapes.landmarks.Landmarks",
     "skfmap.shapes.mesh.Mesh",
     "skfmap.shapes.probed_shape.ProbedShape",
     "skfmap.shapes.given_mesh.GivenMesh",
@@ -310,7 +312,7 @@ def _check_parts(model: Any) -> None:
     for part in list(_parts(model, {})):
         if is_dataclass(part) and not isinstance(part, type):
             _forget_what_is_derived(part)
-        if isinstance(part, (Correspondence, Mesh)):
+        if isinstance(part, (Correspondence, Landmarks, Mesh)):
             replace(part)  # is checked as a new one is
         elif sp.issparse(part):
             part.check_format(full_check=True)  # type: ignore[attr-defined]
