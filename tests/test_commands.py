@@ -1,7 +1,10 @@
 """The verbs of the command line, as a person calls them."""
 
+import contextlib
 import csv
+import io
 import os
+import re
 import subprocess
 import sys
 from types import SimpleNamespace
@@ -12,10 +15,11 @@ import pytest
 from sklearn.pipeline import make_pipeline
 
 import skfmap
-from skfmap import Mesh, SpectralBasis
+from skfmap import Landmarks, Mesh, SpectralBasis
+from skfmap._tools.unwrap import learner_and_shapes
 from skfmap.commands import main
 from skfmap.commands.dispatch import _format_warning
-from skfmap.io import read_mesh, write_mesh
+from skfmap.io import read_landmarks, read_mesh, write_landmarks, write_mesh
 from skfmap.persistence import load_model
 
 _SMALL = ["--functions", "10", "--jobs", "1", "--quiet"]
@@ -24,6 +28,28 @@ _QUIET = ["--jobs", "1", "--quiet"]
 
 def run(*arguments):
     return main([str(one) for one in arguments])
+
+
+@pytest.fixture(autouse=True, scope="module")
+def _predicting():
+    """Until it has landed."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(skfmap, "predict_landmarks", _predict, raising=False)
+        yield
+
+
+def _predict(model, X):
+    learner, shapes = learner_and_shapes(model, X)
+    found = []
+    y = learner.reference_correspondence_
+    for shape, match in zip(shapes, learner.match(shapes), strict=True):
+        at = y.pairs
+        at = at[:, 0]
+        at = shape.spectral.mesh.vertices[match.inverse[at]]
+        found.append(
+            Landmarks(at, y.names, name=shape.name, expected_error=np.full(len(at), at[0, 0]))
+        )
+    return found
 
 
 def rows_of(path):
@@ -191,6 +217,81 @@ def test_vertices_without_a_match_are_blank(place, tmp_path):
         "confidence": "",
     }
     assert rows_of(tmp_path / "out" / "summary.csv")[0]["unmatched"] == "1"
+
+
+# landmarks
+
+
+@pytest.fixture(scope="module")
+def marked(collection, tmp_path_factory):
+    """A folder of bodies with landmarks, one of them missing once, and a model of it."""
+    place = tmp_path_factory.mktemp("landmarks")
+    folder, marks = _write(place / "training", collection.meshes[:4]), {}
+    for i, (mesh, truth) in enumerate(zip(collection.meshes, collection.truths, strict=True)):
+        chosen = truth.pairs[truth.pairs[:, 1] % 12 == 0]
+        points = mesh.vertices[chosen[:, 0]]
+        points[3] = np.nan if i == 1 else points[3]
+        names = [f"point {t}" for t in chosen[:, 1]]
+        marks[mesh.name] = Landmarks(points, names, name=mesh.name)
+        if i < 4:
+            write_landmarks(marks[mesh.name], folder / f"{mesh.name}_Landmarks.csv")
+    new = _write(place / "new", collection.meshes[4:])
+    return SimpleNamespace(training=folder, new=new, marks=marks, model=place / "model.skops")
+
+
+@pytest.fixture(scope="module")
+def told_of_marked(marked):
+    """What training says of the folder of landmarks."""
+    out = io.StringIO()
+    with contextlib.redirect_stdout(out):
+        assert run("train", marked.training, "-o", marked.model, *_SMALL) == 0
+    return out.getvalue()
+
+
+def test_training_on_landmarks_ends_with_an_error_for_each(marked, told_of_marked):
+    model = load_model(marked.model)
+    assert model[-1].refine == "register"
+    rows = rows_of(marked.model.with_name("model-errors.csv"))
+    assert {row["specimen"] for row in rows} == {"body1", "body2", "body3"}
+    blank = [(row["specimen"], row["landmark"]) for row in rows if not row["error"]]
+    assert blank == [("body1", "point 36")]
+    errors = np.array([float(row["error"]) for row in rows if row["error"]])
+    assert f"All: {errors.mean():.3g}." in told_of_marked
+    # Bodies are some 4 long, and edges 0.2.
+    assert errors.mean() < 0.5
+    assert re.search(r"^point 36 +2 ", told_of_marked, re.MULTILINE)
+    assert f"landmarks {marked.model} NEW.ply -o out" in told_of_marked
+    page = marked.model.with_suffix(".html").read_text(encoding="utf-8")
+    assert page.count("data:image/png;base64,") == 3
+
+
+@pytest.mark.usefixtures("told_of_marked")
+@pytest.mark.parametrize("suffix", ["fcsv", "mrk.json", "pp", "tps", "pts", "csv"])
+def test_landmarks_are_written_as_python_predicts_them(marked, tmp_path, suffix):
+    options = ["-o", tmp_path, "--format", suffix, *_QUIET]
+    assert run("landmarks", marked.model, marked.new / "body4.off", *options) == 0
+    (found,) = skfmap.predict_landmarks(load_model(marked.model), [marked.new / "body4.off"])
+    read = read_landmarks(tmp_path / f"body4.{suffix}")
+    np.testing.assert_allclose(read.points, found.points, rtol=1e-12)
+    if suffix != "tps":  # has no names
+        assert read.names == found.names
+    off = np.linalg.norm(found.points - marked.marks["body4"].points, axis=1)
+    assert off.mean() < 0.5
+
+
+@pytest.mark.usefixtures("told_of_marked")
+def test_one_table_has_the_landmarks_of_all_specimens(marked, broken, tmp_path):
+    assert run("landmarks", marked.model, broken, "-o", tmp_path / "out", *_QUIET) == 1
+    table = rows_of(tmp_path / "out" / "landmarks.csv")
+    assert {row["specimen"] for row in table} == {"body4", "body5"}
+    single = read_landmarks(tmp_path / "out" / "body5.fcsv")
+    (row,) = (row for row in table if row["specimen"] == "body5")
+    at = [float(row[f"point 24_{axis}"]) for axis in "xyz"]
+    np.testing.assert_allclose(at, single.point("point 24"), rtol=1e-12)
+    summary = rows_of(tmp_path / "out" / "summary.csv")
+    assert summary[0]["shape"] == "broken"
+    expected = [float(row["expected error"]) for row in summary[1:]]
+    assert expected == sorted(expected, reverse=True)
 
 
 # register

@@ -8,6 +8,8 @@ import numpy as np
 
 import skfmap
 from skfmap.commands.new_shapes import Result, Work, add_common, run_on_new_shapes
+from skfmap.io import write_landmarks
+from skfmap.landmarks import write_table
 from skfmap.shapes import Landmarks
 
 __all__ = ["DESCRIPTION", "FORMATS", "HELP", "add_arguments", "run"]
@@ -35,22 +37,29 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Place landmarks, and return the exit status."""
+    together, placed = options.output / "landmarks.csv", list[Landmarks]()
+
+    def write(found: Landmarks, path: Path) -> Result:
+        if not found.placed.any():
+            raise ValueError("no landmark could be placed; look at the mesh, and match it.")
+        write_landmarks(found, path, overwrite=True)  # whether it may be was asked before
+        placed.append(found)
+        return _result(found)
+
     predict: Any = skfmap.predict_landmarks
     work = Work(
         f".{options.format}",
         ("landmarks", "expected error", "largest", "at", "radius"),
         predict,
-        _write,
+        write,
         "Errors are in the units of the meshes, as means over landmarks; the largest is that of "
         "the landmark named.",
+        lambda: write_table(placed, together, overwrite=True),
     )
-    return run_on_new_shapes(options, lambda _: work, work.suffix)
+    return run_on_new_shapes(options, lambda _: work, work.suffix, also=[together])
 
 
-def _write(found: Landmarks, path: Path) -> Result:
-    if not found.placed.any():
-        raise ValueError("no landmark could be placed; look at the mesh, and match it.")
-    skfmap.io.write_landmarks(found, path, overwrite=True)  # type: ignore[attr-defined] # whether it may be was asked before
+def _result(found: Landmarks) -> Result:
     mean, largest, at = _errors(found.expected_error, found.names)
     radius = None if found.radius is None else float(np.nanmean(found.radius))
     n_placed = f"{int(found.placed.sum())} of {len(found.names)}"

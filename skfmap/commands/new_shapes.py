@@ -32,7 +32,8 @@ class Work(NamedTuple):
 
     ``suffix`` is that of the files, ``columns`` are those of the summary between name and note,
     ``answer(learner, shapes)`` asks the model, ``write(answer, path)`` writes the file of one
-    shape, and ``units`` says in a sentence what the summary's numbers are.
+    shape, and ``units`` says in a sentence what the summary's numbers are. ``finish()`` writes what
+    is about all of them.
     """
 
     suffix: str
@@ -40,6 +41,7 @@ class Work(NamedTuple):
     answer: Callable[[Any, Sequence[Any]], Sequence[Any]]
     write: Callable[[Any, Path], Result]
     units: str
+    finish: Callable[[], None] | None = None
 
 
 class _Row(NamedTuple):
@@ -59,21 +61,29 @@ def add_common(parser: argparse.ArgumentParser, default: str, what: str) -> None
     parser.add_argument("--quiet", action="store_true", help="tell no progress")
 
 
-def run_on_new_shapes(options: argparse.Namespace, work: Callable[[Any], Work], suffix: str) -> int:
+def run_on_new_shapes(
+    options: argparse.Namespace,
+    work: Callable[[Any], Work],
+    suffix: str,
+    also: Sequence[Path] = (),
+) -> int:
     """Do the work on each shape, print the summary, and return the exit status.
 
-    ``work(learner)`` checks the rest of the options with the model at hand.
+    ``work(learner)`` checks the rest of the options with the model at hand; ``also`` are files that
+    are written beside those of the shapes.
     """
     paths = mesh_files(options.meshes)
     targets = targets_of(paths, options.output, suffix)
     summary = options.output / _SUMMARY
-    check_free([*targets.values(), summary], force=options.force)
+    check_free([*targets.values(), *also, summary], force=options.force)
     model = read_model(options.model)
     doing = work(last_step(model))
     rows = [
         _written(answer, path, targets[path], doing)
         for path, answer in _answers(model, paths, doing, options)
     ]
+    if doing.finish is not None and not all(row.note for row in rows):
+        doing.finish()
     rows.sort(key=lambda row: (not row.note, *(-doubt for doubt in row.doubt)))
     header = ("shape", *doing.columns)
     write_table(summary, (*header, "note"), [(row.name, *row.cells, row.note) for row in rows])

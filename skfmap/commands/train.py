@@ -133,9 +133,13 @@ def run(options: argparse.Namespace) -> int:
         print(f"Left out: {one.name}: {one.reason}")
     n_used = len(shapes) - len(left_out)
     print(f"Model trained on {n_used} of {len(shapes)} shapes: {options.output}. To use it:")
-    verb = "match" if collection.get("landmarks") is None else "landmarks"
+    verb = "landmarks" if _has_landmarks(collection) else "match"
     print(f"    {options.program} {verb} {shlex.quote(str(options.output))} NEW.ply -o out")
     return 1 if left_out else 0
+
+
+def _has_landmarks(collection: Bunch) -> bool:
+    return any(marks is not None for marks in collection.landmarks)
 
 
 def _steps(collection: Bunch, options: argparse.Namespace) -> tuple[Any, Any, Any]:
@@ -176,7 +180,7 @@ def _sizes(collection: Bunch, options: argparse.Namespace) -> tuple[int, int]:
 
 def _refinement(collection: Bunch, options: argparse.Namespace) -> dict[str, str | None]:
     if options.refine == "auto":
-        return {} if collection.get("landmarks") is None else {"refine": "register"}
+        return {"refine": "register"} if _has_landmarks(collection) else {}
     return {"refine": None if options.refine == "none" else options.refine}
 
 
@@ -214,7 +218,7 @@ def _evaluated(
     with warnings.catch_warnings():
         for told in (CoverageWarning, DisagreementWarning, OrientationWarning, SkippedShapeWarning):
             warnings.simplefilter("ignore", told)  # once, when all shapes were learned from
-        of = _matches if collection.get("landmarks") is None else _landmarks
+        of = _landmarks if _has_landmarks(collection) else _matches
         return of(learner, shapes, collection, options, how)
 
 

@@ -36,6 +36,8 @@ _LANDMARK_COLUMNS = (
 _SPECIMEN_COLUMNS = ("specimen", "n", "mean", "largest", "at", "expected")
 # Colours that the colour-blind can tell apart, on grey.
 _TRUE, _PREDICTED, _BONE = "#0072b2", "#d55e00", 0.82
+# How many landmarks of a specimen, the worst, have their names in the picture.
+_NAMED = 5
 # Landmarks that are hidden behind the surface are drawn faintly.
 _HIDDEN = 0.2
 
@@ -86,7 +88,7 @@ def write_landmarks_page(
             "Worst specimens",
             paragraph(
                 "From both sides. Rings are landmarks placed by hand, dots are predicted; those "
-                "behind the surface are faint."
+                f"behind the surface are faint. The {_NAMED} worst have their names."
             ),
             *(_specimen(evaluation, i, order[0]) for i in order[:n_worst]),
         ),
@@ -209,7 +211,9 @@ def _specimen(evaluation: LandmarkEvaluation, i: int, first: int) -> str:
     caption = f"{label(name, 'specimen')}: " + (
         "no error is known" if mean is None else f"mean error {mean:.3g}"
     )
-    figure = _picture(evaluation.meshes[i], true, found, _turn_of(evaluation, i, first))
+    named = {int(j): evaluation.names[j] for j in order[:_NAMED]}
+    turn = _turn_of(evaluation, i, first)
+    figure = _picture(evaluation.meshes[i], true @ turn, found @ turn, turn, named)
     return (
         f"<h3>{escape(caption)}</h3>"
         + picture(figure, f"{caption}; landmarks placed by hand and predicted.")
@@ -236,7 +240,10 @@ def _turn_of(evaluation: LandmarkEvaluation, i: int, first: int) -> FloatArray:
     return np.asarray(posed.rotation @ broadside)
 
 
-def _picture(mesh: Mesh, true: FloatArray, found: FloatArray, turn: FloatArray) -> "Figure":
+def _picture(
+    mesh: Mesh, true: FloatArray, found: FloatArray, turn: FloatArray, named: dict[int, str]
+) -> "Figure":
+    """Return a figure of both sides; the landmarks are turned already."""
     from matplotlib import pyplot as plt  # noqa: PLC0415
 
     turned = Mesh(mesh.vertices @ turn, mesh.faces, mesh.name)
@@ -245,24 +252,23 @@ def _picture(mesh: Mesh, true: FloatArray, found: FloatArray, turn: FloatArray) 
         camera = Camera(azimuth=azimuth, elevation=0.0)
         colours = np.full((mesh.n_vertices, 3), _BONE)
         plot_function(turned, colours, ax=ax, camera=camera)
-        _draw_points(ax, turned, true @ turn, found @ turn, camera)
+        seen = camera.project(turned.vertices)
+        facing = vertex_normals(seen, mesh.faces)[:, 2] > 0
+        for j, (own, other) in enumerate(zip(true, found, strict=True)):
+            at = own if np.isfinite(own).all() else other
+            if np.isfinite(at).all():
+                shown = facing[np.linalg.norm(turned.vertices - at, axis=1).argmin()]
+                ends = camera.project(np.array([own, other]))[:, :2]
+                _draw_landmark(ax, ends, named.get(j, ""), faint=not shown)
     return figure
 
 
-def _draw_points(
-    ax: "Axes", mesh: Mesh, true: FloatArray, found: FloatArray, camera: Camera
-) -> None:
-    """Draw rings for true landmarks, dots for predicted ones, and lines between them."""
-    seen = camera.project(mesh.vertices)
-    facing = vertex_normals(seen, mesh.faces)[:, 2] > 0
-    for own, other in zip(true, found, strict=True):
-        known = [point for point in (own, other) if np.isfinite(point).all()]
-        if not known:
-            continue
-        nearest = np.linalg.norm(mesh.vertices - known[0], axis=1).argmin()
-        alpha = 1.0 if facing[nearest] else _HIDDEN
-        flat = camera.project(np.array([own, other]))
-        ax.plot(*flat[:, :2].T, color="black", linewidth=1, alpha=alpha, zorder=3)
-        dots: dict[str, Any] = {"marker": "o", "alpha": alpha, "zorder": 4}
-        ax.plot(*flat[0, :2], color=_TRUE, fillstyle="none", markersize=8, **dots)
-        ax.plot(*flat[1, :2], color=_PREDICTED, markersize=4, **dots)
+def _draw_landmark(ax: "Axes", ends: FloatArray, name: str, *, faint: bool) -> None:
+    """Draw a ring for the true landmark, a dot for the predicted one, and a line between them."""
+    alpha = _HIDDEN if faint else 1.0
+    dots: dict[str, Any] = {"marker": "o", "alpha": alpha, "zorder": 4}
+    ax.plot(*ends.T, color="black", linewidth=1, alpha=alpha, zorder=3)
+    ax.plot(*ends[0], color=_TRUE, fillstyle="none", markersize=8, **dots)
+    ax.plot(*ends[1], color=_PREDICTED, markersize=4, **dots)
+    if name and not faint and np.isfinite(ends).all():
+        ax.annotate(name, ends[0], xytext=(6, 6), textcoords="offset points", fontsize=8)
