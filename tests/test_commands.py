@@ -2,11 +2,14 @@
 
 import contextlib
 import csv
+import importlib
 import io
 import os
 import re
 import subprocess
 import sys
+import tomllib
+from pathlib import Path
 from types import SimpleNamespace
 
 import joblib
@@ -15,13 +18,14 @@ import pytest
 from sklearn.pipeline import make_pipeline
 
 import skfmap
-from skfmap import Landmarks, Mesh, SpectralBasis
+from skfmap import Landmarks, Mesh, SpectralBasis, WeightedFunctionalMapLearner
 from skfmap._tools.unwrap import learner_and_shapes
 from skfmap.commands import main
 from skfmap.commands.dispatch import _format_warning
 from skfmap.io import read_landmarks, read_mesh, write_landmarks, write_mesh
 from skfmap.persistence import load_model
 
+PROJECT = Path(__file__).resolve().parents[1] / "pyproject.toml"
 _SMALL = ["--functions", "10", "--jobs", "1", "--quiet"]
 _QUIET = ["--jobs", "1", "--quiet"]
 
@@ -434,6 +438,32 @@ def test_nothing_is_written_over_without_force(place, tmp_path, capsys):
     assert taken.read_text().startswith("vertex,")
 
 
+def test_force_does_not_write_over_the_mesh_itself(place, registering, tmp_path, capsys):
+    mesh = tmp_path / "body4.ply"
+    write_mesh(read_mesh(place.new / "body4.off"), mesh)
+    before = mesh.read_bytes()
+    assert run("register", registering, mesh, "-o", tmp_path, "--force", *_QUIET) == 2
+    assert "body4.ply would be written over by its result" in capsys.readouterr().err
+    assert mesh.read_bytes() == before
+
+
+def test_a_shape_that_the_model_refuses_does_not_lose_the_others(
+    place, tmp_path, capsys, monkeypatch
+):
+    match = WeightedFunctionalMapLearner.match
+
+    def refuse(self, shapes, **how):
+        if any(shape.name == "body5" for shape in shapes):
+            raise ValueError("'body5' cannot be matched.")
+        return match(self, shapes, **how)
+
+    monkeypatch.setattr(WeightedFunctionalMapLearner, "match", refuse)
+    options = ["-o", tmp_path / "out", "--jobs", "2", "--quiet"]
+    assert run("match", place.model, place.new, *options) == 1
+    assert "Not used: body5: 'body5' cannot be matched." in capsys.readouterr().out
+    assert (tmp_path / "out" / "body4.csv").is_file()
+
+
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
@@ -453,6 +483,7 @@ def test_nothing_is_written_over_without_force(place, tmp_path, capsys):
         (["train", "{training}", "-o", "{out}.skops", "--functions", "900"], "--functions"),
         (["train", "{training}", "-o", "{out}.skops", "--folds", "1"], "--folds"),
         (["train", "{training}", "-o", "{training}"], "is a folder"),
+        (["train", "{training}", "-o", "{out}.html"], "Two results would be written to"),
         (
             ["report", "{model}", "{training}", "--pattern", "body[123]", "-o", "{out}.html"],
             "does not hold the model's reference",
@@ -548,3 +579,10 @@ def test_interruption_has_a_status_of_its_own(place, tmp_path, capsys, monkeypat
     monkeypatch.setattr(SpectralBasis, "transform", interrupt)
     assert run("match", place.model, place.new, "-o", tmp_path / "out", *_QUIET) == 130
     assert "interrupted" in capsys.readouterr().err
+
+
+@pytest.mark.skipif(not PROJECT.is_file(), reason="not in a checkout")
+def test_the_installed_script_is_the_same():
+    project = tomllib.loads(PROJECT.read_text(encoding="utf-8"))["project"]
+    module, _, name = project["scripts"]["skfmap"].partition(":")
+    assert getattr(importlib.import_module(module), name) is main

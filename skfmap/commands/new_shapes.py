@@ -110,11 +110,21 @@ def _answers(
                 warnings.simplefilter("ignore", told)
             learner, shapes = learner_and_shapes(model, [str(path) for path in batch])
             usable = [shape for shape in shapes if not isinstance(shape, SkippedShape)]
-            answers = iter(work.answer(learner, usable) if usable else ())
+            answers = iter(_asked(work, learner, usable) if usable else ())
         for i, (path, shape) in enumerate(zip(batch, shapes, strict=True), start=first + 1):
             if not options.quiet:
                 tell(f"[{i} of {n_paths}] {path.name}")
             yield path, shape if isinstance(shape, SkippedShape) else next(answers)
+
+
+def _asked(work: Work, learner: Any, shapes: Sequence[Any]) -> list[Any]:
+    """Return the answers, with a skipped shape where there is none."""
+    try:
+        return list(work.answer(learner, shapes))
+    except (ValueError, RuntimeError) as error:
+        if len(shapes) == 1:
+            return [SkippedShape(shapes[0].name, str(error))]
+        return [answer for shape in shapes for answer in _asked(work, learner, [shape])]
 
 
 def _written(answer: Any, path: Path, target: Path, work: Work) -> _Row:

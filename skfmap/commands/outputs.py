@@ -30,12 +30,14 @@ def targets_of(paths: Sequence[Path], folder: Path, suffix: str) -> dict[Path, P
     Raises
     ------
     ValueError
-        If two inputs would be written to one file.
+        If two inputs would be written to one file, or one to itself.
     """
     targets = {path: folder / f"{path.stem}{suffix}" for path in paths}
-    sources: dict[Path, Path] = {}
+    sources: dict[str, Path] = {}
     for path in paths:
-        other = sources.setdefault(targets[path], path)
+        if targets[path].exists() and targets[path].samefile(path):
+            raise ValueError(f"{path} would be written over by its result; give another -o.")
+        other = sources.setdefault(str(targets[path]).casefold(), path)  # as some systems compare
         if other is not path:
             raise ValueError(
                 f"{other} and {path} would both be written to {targets[path]}; give them one after "
@@ -57,7 +59,7 @@ def check_free(paths: Iterable[Path], *, force: bool) -> None:
     paths = list(paths)
     for path in paths:
         if paths.count(path) > 1:
-            raise ValueError(f"{path} is what two results would be called; rename the mesh.")
+            raise ValueError(f"Two results would be written to {path}; rename one.")
         if path.is_dir():
             raise ValueError(f"{path} is a folder, and a file is to be written; give another -o.")
     there = [path for path in paths if path.exists()]
