@@ -373,7 +373,7 @@ def _sample(matcher: Any, training: Any, i: int, pose: str) -> _Sample:
     join = training.joins[i].take(right)
     pairs = Anchors(
         spectral_0.place_matrix(join.vertices_0, join.places_0),
-        shape.spectral.place_matrix(join.vertices_i, join.places_i) @ shape.spectral.vertices,
+        training.points(i)[right],  # as measured: on the surface mandibles lose 0.007 of 0.19 mm
         join.weights * (draw / max(float(join.weights.sum()), 1e-300)),
     )
     return _Sample(matcher, shape, pairs, pose)

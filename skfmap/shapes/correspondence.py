@@ -346,6 +346,19 @@ class Correspondence:
         return self.pairs[:, :1] if self.places is None else self.places.corners
 
     @property
+    def landmarks(self) -> Landmarks | None:
+        """The points as they were measured; None without ``coordinates``.
+
+        A template point without a name is called by its number, from 1.
+        """
+        if self.coordinates is None:
+            return None
+        numbers = self.pairs[:, 1]
+        if self.names is None:
+            return Landmarks(self.coordinates, [str(t + 1) for t in numbers])
+        return Landmarks(self.coordinates, [self.names[t] for t in numbers])
+
+    @property
     def known_names(self) -> tuple[str, ...]:
         """Names of the template points that the shape has; none where they have no names."""
         has = set(self.pairs[:, 1].tolist())
