@@ -49,6 +49,7 @@ __all__ = [
 # Imported when they are asked for: pictures and reports take a while to load.
 _SUBMODULES = (
     "basis",
+    "commands",
     "datasets",
     "descriptors",
     "exceptions",
