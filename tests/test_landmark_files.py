@@ -19,8 +19,24 @@ from skfmap.exceptions import CorrespondenceError, RepairWarning, SkippedShapeWa
 from skfmap.io import read_landmarks, write_landmarks, write_mesh
 from skfmap.persistence import TRUSTED_TYPES
 
+HUNTED = settings(
+    suppress_health_check=[HealthCheck.function_scoped_fixture], deadline=None, max_examples=50
+)
 NAN = [np.nan] * 3
 WRITTEN = (".fcsv", ".mrk.json", ".pp", ".tps", ".pts", ".csv")
+
+
+@pytest.fixture
+def predicted():
+    points = [[1, 2, 3], NAN, [4, 5, 6]]
+    return Landmarks(
+        points,
+        ["a", "b", "c"],
+        name="cat",
+        expected_error=[0.1, np.nan, 0.2],
+        radius=[1 / 3, np.nan, 2 / 3],
+        coverage=0.9,
+    )
 
 
 def _read(tmp_path, suffix, text, **options):
@@ -263,6 +279,7 @@ def test_encodings_and_ends_of_lines(tmp_path, encode, end):
         (".tps", "LM3=1\n1 2\n", "line 2: 2 numbers, where three"),
         (".tps", TPS, "line 3: the landmark is known in part"),
         (".tps", "LM3=1\n1 2 3\nSCALE=0\n", "specimen of line 1: SCALE=0 is no number above zero"),
+        (".tps", "LM3=1\n1 2 1e300\nSCALE=1e9\n", "line 2: multiplied by SCALE=1e.09 .*Correct"),
         (".pts", "1 2 3\n", "line 1: it begins with '1 2 3'.*name it .txt"),
         (".pts", "Version 1.0\nS0 1 2 3\n", "line 2: the number of points must follow"),
         (".pts", "Version 1.0\n2\nS0 1 2 3\n", "2 points are said to follow, but there are 1"),
@@ -284,6 +301,26 @@ def test_a_fault_names_the_file_the_line_and_the_remedy(tmp_path, suffix, text, 
     with pytest.raises(CorrespondenceError, match=f"(?s){message}") as error:
         _read(tmp_path, suffix, text)
     assert f"cat_Landmarks{suffix}" in str(error.value)
+
+
+@HUNTED
+@given(
+    cut=st.tuples(st.floats(0, 1), st.integers(0, 40)),
+    other=st.sampled_from([b"", b"\0", b"\xe9", b"nan", b"1e308", b",", b'"', b"<", b"\n", b"-1"])
+    | st.binary(max_size=3),
+)
+@pytest.mark.parametrize("suffix", WRITTEN)
+def test_a_damaged_file_is_read_or_named(tmp_path, predicted, suffix, cut, other):
+    path = tmp_path / f"cat{suffix}"
+    write_landmarks(predicted, path, overwrite=True)
+    content = path.read_bytes()
+    start = round(cut[0] * len(content))
+    path.write_bytes(content[:start] + other + content[start + cut[1] :])
+    try:
+        said = f"{path}: {read_landmarks(path)}"
+    except CorrespondenceError as error:
+        said = str(error)
+    assert str(path) in said
 
 
 def test_what_is_no_landmark_file_is_refused(tmp_path):
@@ -308,7 +345,7 @@ NUMBERS = st.floats(allow_nan=False, allow_infinity=False).filter(
 ROWS = st.lists(st.tuples(NUMBERS, NUMBERS, NUMBERS) | st.just(tuple(NAN)), min_size=1, max_size=5)
 
 
-@settings(suppress_health_check=[HealthCheck.function_scoped_fixture], deadline=None)
+@HUNTED
 @given(rows=ROWS, data=st.data())
 @pytest.mark.parametrize("suffix", WRITTEN)
 def test_what_was_written_is_read_to_the_last_bit(tmp_path, suffix, rows, data):
@@ -323,19 +360,6 @@ def test_what_was_written_is_read_to_the_last_bit(tmp_path, suffix, rows, data):
         assert again.names == Landmarks(rows).names
     else:
         assert again.names == landmarks.names
-
-
-@pytest.fixture
-def predicted():
-    points = [[1, 2, 3], NAN, [4, 5, 6]]
-    return Landmarks(
-        points,
-        ["a", "b", "c"],
-        name="cat",
-        expected_error=[0.1, np.nan, 0.2],
-        radius=[1 / 3, np.nan, 2 / 3],
-        coverage=0.9,
-    )
 
 
 def test_a_table_keeps_expected_errors_radii_and_what_they_cover(tmp_path, predicted):
