@@ -211,6 +211,9 @@ def test_pts_of_landmark_editor(tmp_path):
         ("# by hand\n#1,1,2,3\n#2,4,5,6\n", {"#1": [1, 2, 3], "#2": [4, 5, 6]}),
         ("ID,X (mm),Y (mm),Z (mm),note\r\np,1,2,3,ok\r\n", {"p": [1, 2, 3]}),
         (',"x","y","z"\n"1",1,2,3\n', {"1": [1, 2, 3]}),
+        ("specimen,Point name,x,y,z\ncat,a,1,2,3\n,,,,\n", {"a": [1, 2, 3]}),
+        ("nr,x,y,z\n2,1,2,3\n1,4,5,6\n", {"2": [1, 2, 3], "1": [4, 5, 6]}),
+        ("1,2,3,\n,,,\n", {"1": [1, 2, 3], "2": NAN}),
     ],
 )
 def test_tables_of_many_kinds(tmp_path, text, expected):
@@ -284,7 +287,7 @@ def test_encodings_and_ends_of_lines(tmp_path, encode, end):
         (".pts", "Version 1.0\nS0 1 2 3\n", "line 2: the number of points must follow"),
         (".pts", "Version 1.0\n2\nS0 1 2 3\n", "2 points are said to follow, but there are 1"),
         (".pts", "Version 1.0\n1\nS0 1\n", "line 3: 'S0 1' is no name with three coordinates"),
-        (".csv", "some words\n", "line 1: 'some words' is neither a head.*name,x,y,z"),
+        (".csv", "some words\n", "line 1: 'some words' is neither a head.*name,x,y,z.*in quotes"),
         (".csv", "1,2\n", "line 1: '1,2' is neither"),
         (".csv", "1,5,2,5,3,5\n", "line 1: '1,5,2,5,3,5' is neither"),
         (".csv", "x,y,z\n", "holds no landmark"),
