@@ -54,6 +54,7 @@ TRUSTED_TYPES = (
     "skfmap.refinement.ICP",
     "skfmap.refinement.ZoomOut",
     "skfmap.geometry.elasticity.ElasticSurface",
+    "skfmap.learner.landmark_model.LandmarkModel",
     "skfmap.registration.deformation.Deformation",
     "skfmap.registration.part.Registration",
     "skfmap.registration.quality.Limits",
