@@ -3,8 +3,10 @@
 import codecs
 import copy
 import json
+import os
 import pickle
 import re
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -22,6 +24,7 @@ from skfmap.persistence import TRUSTED_TYPES
 HUNTED = settings(
     suppress_health_check=[HealthCheck.function_scoped_fixture], deadline=None, max_examples=50
 )
+DATA = Path(os.environ.get("SKFMAP_DATA", Path(__file__).resolve().parents[2] / "shared" / "data"))
 NAN = [np.nan] * 3
 WRITTEN = (".fcsv", ".mrk.json", ".pp", ".tps", ".pts", ".csv")
 
@@ -622,6 +625,22 @@ def test_a_landmark_lies_between_vertices(tmp_path):
     assert_allclose(np.sort(places.weights, axis=1), np.tile(weights, (9, 1)), atol=1e-9)
 
 
+def test_landmarks_lie_on_files_without_vertex_numbers(folder, collection, placed):
+    for i in range(3):
+        (folder / f"body{i}.off").unlink()
+        write_mesh(collection.meshes[i], folder / f"body{i}.stl")
+        write_landmarks(placed(i), folder / f"body{i}.tsv.csv")
+    with pytest.raises(CorrespondenceError, match="no correspondence files"):
+        load_collection(folder)
+    for i in range(3):
+        (folder / f"body{i}.tsv.csv").rename(folder / f"body{i} landmarks.csv")
+    data = load_collection(folder)
+    for i, truth in enumerate(data.correspondences):
+        vertices = data.meshes[i].vertices[truth.pairs[:, 0]]
+        at = placed(i).points[[placed(i).names.index(truth.names[t]) for t in truth.pairs[:, 1]]]
+        assert_allclose(vertices, at, atol=1e-6)
+
+
 def test_points_of_one_name_have_one_number_in_all_correspondences(folder, placed):
     for i in range(3):
         write_landmarks(placed(i, lacking=range(i)), folder / f"body{i}.csv")
@@ -638,6 +657,27 @@ def test_landmarks_without_a_name_in_common_are_refused(folder, placed):
     message = "'body2' has no landmark of the same name as 'body0': tom-0, .* against F-0, .*alike"
     with pytest.raises(CorrespondenceError, match=message):
         load_collection(folder)
+
+
+@pytest.mark.tosca
+@pytest.mark.skipif(not (DATA / "mandibles").is_dir(), reason="the mandibles are not here")
+def test_a_folder_of_mandibles_is_loaded_as_it_is():
+    data = load_collection(DATA / "mandibles", "152_*")
+    for mesh, marks, truth in zip(data.meshes, data.landmarks, data.correspondences, strict=True):
+        file = DATA / "mandibles" / f"{mesh.name}_Landmarks.fcsv"
+        assert marks.names == tuple(str(i) for i in range(1, 14))
+        at = np.loadtxt(file, delimiter=",", usecols=(1, 2, 3), comments="#")
+        assert_array_equal(marks.points, at)
+        assert np.median(truth.distance) < 0.01 * np.ptp(mesh.vertices, axis=0).max()
+
+
+@pytest.mark.tosca
+@pytest.mark.skipif(not (DATA / "skulls").is_dir(), reason="the skulls are not here")
+def test_a_broken_skull_is_loaded_with_its_landmarks():
+    with pytest.warns(RepairWarning, match="WSB.*NaN"):
+        data = load_collection(DATA / "skulls", "W*")
+    assert len(data.correspondences[0].pairs) == len(data.landmarks[0].names) == 51
+    assert np.isfinite(data.correspondences[0].distance).all()
 
 
 # Landmarks themselves

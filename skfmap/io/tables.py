@@ -28,6 +28,7 @@ __all__ = ["csv_of", "is_table_of_points", "read_table"]
 
 # None is any run of blanks. The comma comes late, as it may stand in numbers.
 _SEPARATORS = ("\t", ";", ",", None)
+_HEAD = 65536  # bytes that tell which kind of table it is
 _WORD = re.compile(r'"((?:[^"]|"")*)"|(\S+)')
 
 # Names of columns, of which the first that is there is taken. Slicer's own tables have r, a, s or
@@ -82,9 +83,10 @@ def read_table(path: Path) -> ReadLandmarks:
 def is_table_of_points(path: Path) -> bool:
     """Return whether a ``.txt`` file may hold points: its first lines have three cells or more."""
     try:
-        text = [line for line in read_text(path) if line.strip() and not _is_comment(line)]
+        begins = read_text(path, _HEAD)
     except CorrespondenceError:
         return False
+    text = [line for line in begins if line.strip() and not _is_comment(line)]
     return bool(text) and any(len(_cells(text[0], separator)) >= 3 for separator in _SEPARATORS)
 
 
