@@ -12,6 +12,7 @@ from skfmap.learner import (
     WeightedFunctionalMapLearner,
     functional_maps,
     match,
+    predict_landmarks,
     register,
 )
 from skfmap.shapes import (
@@ -40,6 +41,7 @@ __all__ = [
     "check_mesh",
     "functional_maps",
     "match",
+    "predict_landmarks",
     "register",
     "repair_mesh",
 ]
@@ -47,6 +49,7 @@ __all__ = [
 # Imported when they are asked for: pictures and reports take a while to load.
 _SUBMODULES = (
     "basis",
+    "commands",
     "datasets",
     "descriptors",
     "exceptions",

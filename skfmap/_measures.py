@@ -262,8 +262,7 @@ class PlaceDistances(GeodesicDistances):
 
     def _at(self, places: SurfacePlaces) -> FloatArray:
         """Return coordinates on the working mesh at unit area, shape (n, 3)."""
-        matrix = self.shape.place_matrix(places.vertices, places)
-        return np.asarray(matrix @ self.shape.vertices)
+        return self.shape.vertices_at(places.vertices, places)
 
     def rows(self, sources: IntArray) -> Any:
         """Compute what the distances of all vertices from the sources are made of, in advance."""

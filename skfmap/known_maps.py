@@ -246,8 +246,8 @@ class FromLandmarks(KnownMaps):
         if n_distinct < min(_FEWEST, k):
             raise CorrespondenceError(
                 f"{label(shape.name, 'shape')} and {reference.name!r} share {n_distinct} distinct "
-                f"landmarks (repeated ones count once), too few for n_functions={k}, and to build a "
-                f"map from, which takes {_FEWEST}. Place more landmarks, spread over the whole "
+                f"landmarks (repeated ones count once), too few for n_functions={k}, and to build "
+                f"a map from, which takes {_FEWEST}. Place more landmarks, spread over the whole "
                 "surface, or leave the shape out."
             )
 

@@ -12,6 +12,8 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
+
 from skfmap._measures import (
     ERROR_KINDS,
     GeodesicDistances,
@@ -28,7 +30,9 @@ from skfmap._measures import (
 from skfmap._tools.types import Model
 from skfmap._tools.unwrap import learner_and_shapes
 from skfmap._tools.validation import check_choice, check_sample_weight
+from skfmap.exceptions import CorrespondenceError
 from skfmap.functional.stable_basis import basis_error
+from skfmap.shapes import Correspondence, Landmarks
 from skfmap.shapes.usable import Answer
 
 __all__ = [
@@ -90,9 +94,47 @@ class _GeodesicScorer:
         return -mean_over_shapes(means, check_sample_weight(sample_weight, len(means)))
 
 
+@dataclass(frozen=True)
+class _LandmarkScorer:
+    """A scorer: minus the mean distance of predicted landmarks from measured ones."""
+
+    def __call__(
+        self,
+        estimator: Model,
+        X: Sequence[Any],
+        y: Sequence[Any],
+        sample_weight: Sequence[float] | None = None,
+    ) -> float:
+        """Return the score of a fitted learner, Pipeline or search on shapes ``X``, in mesh units.
+
+        Shapes without a measured point that was learned do not count.
+        """
+        learner, shapes = learner_and_shapes(estimator, X)
+        found = learner.predict_landmarks(shapes)
+        if len(found) != len(y):
+            raise ValueError(f"X has {len(found)} shapes and y {len(y)} correspondences.")
+        means = [_mean_distance(marks, truth) for marks, truth in zip(found, y, strict=True)]
+        return -mean_over_shapes(means, check_sample_weight(sample_weight, len(means)))
+
+
+def _mean_distance(found: Landmarks, truth: object) -> float:
+    measured = truth.landmarks if isinstance(truth, Correspondence) else None
+    if measured is None:
+        raise CorrespondenceError(
+            "neg_landmark_error compares with measured points; give y as "
+            "Correspondence.from_points(points, mesh, names)."
+        )
+    common = [name for name in measured.names if name in found.names]
+    off = [np.linalg.norm(found.point(name) - measured.point(name)) for name in common]
+    return float(np.nanmean(off)) if np.isfinite(off).any() else float("nan")
+
+
+_LANDMARK_ERROR = "neg_landmark_error"
+
+
 def get_scorer_names() -> list[str]:
     """Return the names that `get_scorer` takes."""
-    return sorted(_SCORERS)
+    return sorted([*_SCORERS, _LANDMARK_ERROR])
 
 
 def get_scorer(name: str, reference_y: Answer | None = None) -> Callable[..., float]:
@@ -104,7 +146,9 @@ def get_scorer(name: str, reference_y: Answer | None = None) -> Callable[..., fl
         ``"neg_geodesic_error"`` forgives nothing. ``"neg_consistent_geodesic_error"`` takes the
         better side once for the map, ``"neg_per_vertex_geodesic_error"`` at each pair; both need
         the symmetric answer in the reference's correspondence. With the paper's symmetric probes a
-        direct score is a coin toss between sides: use the consistent one.
+        direct score is a coin toss between sides: use the consistent one. ``"neg_landmark_error"``
+        is the distance of predicted landmarks from measured ones, in the units of the meshes; ``y``
+        then holds `Correspondence.from_points`.
     reference_y : Correspondence or int array, optional
         Where the reference lies at the template points that are scored, if these were not given to
         ``fit``: with sparse landmarks, half of them are fitted and the other half scored.
@@ -120,5 +164,9 @@ def get_scorer(name: str, reference_y: Answer | None = None) -> Callable[..., fl
     >>> get_scorer("neg_consistent_geodesic_error")
     _GeodesicScorer(kind='consistent', reference_y=None)
     """
-    check_choice(name, "name", _SCORERS)
+    check_choice(name, "name", get_scorer_names())
+    if name == _LANDMARK_ERROR:
+        if reference_y is not None:
+            raise ValueError(f"{_LANDMARK_ERROR} takes no reference_y.")
+        return _LandmarkScorer()
     return _GeodesicScorer(_SCORERS[name], reference_y)

@@ -20,6 +20,7 @@ from skfmap.exceptions import OutdatedModelError
 from skfmap.shapes import (
     Correspondence,
     GivenMesh,
+    Landmarks,
     Mesh,
     ProbedShape,
     Prolongation,
@@ -57,12 +58,14 @@ TRUSTED_TYPES = (
     "skfmap.refinement.ICP",
     "skfmap.refinement.ZoomOut",
     "skfmap.geometry.elasticity.ElasticSurface",
+    "skfmap.learner.landmark_model.LandmarkModel",
     "skfmap.registration.deformation.Deformation",
     "skfmap.registration.part.Registration",
     "skfmap.registration.quality.Limits",
     "skfmap.registration.quality.Quality",
     "skfmap.shape_space.ShapeSpace",
     "skfmap.shapes.correspondence.Correspondence",
+    "skfmap.shapes.landmarks.Landmarks",
     "skfmap.shapes.mesh.Mesh",
     "skfmap.shapes.probed_shape.ProbedShape",
     "skfmap.shapes.given_mesh.GivenMesh",
@@ -314,7 +317,7 @@ def _check_parts(model: Any) -> None:
     for part in list(_parts(model, {})):
         if is_dataclass(part) and not isinstance(part, type):
             _forget_what_is_derived(part)
-        if isinstance(part, (Correspondence, Mesh)):
+        if isinstance(part, (Correspondence, Landmarks, Mesh)):
             replace(part)  # is checked as a new one is
         elif sp.issparse(part):
             part.check_format(full_check=True)  # type: ignore[attr-defined]

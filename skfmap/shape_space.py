@@ -1,6 +1,7 @@
 """The mean of registered shapes, and how they vary about it."""
 
 from collections.abc import Sequence
+from pathlib import Path
 from typing import Any, NamedTuple, Self
 
 import numpy as np
@@ -280,7 +281,8 @@ class ShapeSpace(Versioned, TransformerMixin, BaseEstimator):
     @property
     def mean_mesh_(self) -> Mesh:
         """The mean as a mesh."""
-        return Mesh(self.mean_, self._faces_of_meshes(), "mean")
+        faces = self._faces_of_meshes()
+        return Mesh(self.mean_, faces, "mean")
 
     def mode_mesh(self, mode: int, deviations: float) -> Mesh:
         """Return the mean, moved along a mode.
@@ -468,16 +470,32 @@ def _read(X: Any, faces: npt.ArrayLike | None) -> tuple[FloatArray, IntArray | N
         return points, checked, [f"shape {i}" for i in range(len(points))]
     shapes = check_samples(X, "Registered, Mesh, or an array of shape (n_shapes, n_vertices, 3)")
     names = [_called(shape, i) for i, shape in enumerate(shapes)]
+    if faces is not None and all(isinstance(shape, (Registered, Mesh)) for shape in shapes):
+        raise ValueError(
+            "ShapeSpace(faces=...) is for shapes that are given as an array; these have faces of "
+            "their own. Leave it out."
+        )
     if all(isinstance(shape, Registered) for shape in shapes):
         return stack(shapes), np.asarray(shapes[0].faces), names
     for i, shape in enumerate(shapes):
         if not isinstance(shape, Mesh):
             raise TypeError(
-                f"X[{i}] must be a Mesh, as the others are, or all must be what skfmap.register "
-                f"returns; got {type(shape).__name__}."
+                "All of X must be Mesh, or all Registered, which skfmap.register returns; got "
+                f"{type(shape).__name__} at X[{i}].{_remedy(shape)}"
             )
     _shared_faces(shapes)
     return np.array([mesh.vertices for mesh in shapes]), shapes[0].faces, names
+
+
+def _remedy(shape: object) -> str:
+    """Return what a message advises for an item that is neither a mesh nor registered."""
+    if isinstance(shape, Registered):
+        return " Give its mesh, which is .mesh."
+    if isinstance(shape, (str, Path)):
+        return " Read it: skfmap.io.read_mesh."
+    if isinstance(shape, np.ndarray):
+        return " Give arrays of vertices as one: np.stack(X), and ShapeSpace(faces=...)."
+    return ""
 
 
 def _as_points(X: npt.NDArray[Any]) -> FloatArray:
@@ -511,11 +529,21 @@ def _shared_faces(shapes: Sequence[Any]) -> None:
     for i, shape in enumerate(shapes):
         if len(shape.vertices) != len(first.vertices) or not _same(shape.faces, first.faces):
             raise MeshError(
-                f"{_called(shape, i)} has {len(shape.vertices)} vertices and "
-                f"{len(shape.faces)} faces, which are not those of {_called(first, 0)} "
-                f"({len(first.vertices)} and {len(first.faces)}). Lay one reference onto all of "
-                "them: skfmap.register."
+                f"{_called(shape, i)} {_difference(shape, first, _called(first, 0))}. Vertices "
+                "have to correspond by their numbers: lay one reference onto all shapes, "
+                "skfmap.register."
             )
+
+
+def _difference(shape: Any, first: Any, who: str) -> str:
+    """Return what a message says of a shape that has other vertices or faces than the first."""
+    counts, others = ((len(one.vertices), len(one.faces)) for one in (shape, first))
+    if counts == others:
+        return f"has as many vertices and faces as {who}, but the faces themselves differ"
+    return (
+        f"has {counts[0]} vertices and {counts[1]} faces, which are not those of {who} "
+        f"({others[0]} and {others[1]})"
+    )
 
 
 def _unusable(

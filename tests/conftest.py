@@ -114,6 +114,13 @@ def make_bodies():
 
 
 @pytest.fixture(scope="session")
+def points_on_bodies():
+    """Return the function from a bend to 40 corresponding points of that body, between vertices."""
+    directions = _directions(40, 98)[0]
+    return lambda bend: _body(directions, bend, symmetric=False)
+
+
+@pytest.fixture(scope="session")
 def probed(collection):
     """Return the probed shapes of the collection, in its order."""
     return _probed(collection.meshes)

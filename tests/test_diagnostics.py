@@ -13,6 +13,7 @@ from skfmap.exceptions import DisagreementWarning, SkippedShapeWarning, Stabilit
 from skfmap.learner import LearningOptions, TrainingSet
 from skfmap.learner.diagnostics import Finding, diagnose, diagnose_new_shapes, is_mirrored, report
 from skfmap.learner.matcher import Solution
+from skfmap.registration import Quality
 from skfmap.shapes.usable import pick_usable
 
 _OPTIONS = LearningOptions(tol=1e-3)
@@ -105,6 +106,20 @@ def test_a_mirrored_shape_is_not_called_unfamiliar_as_well(probed):
     assert "X[0] ('body0')" in findings[0].message
     assert "X[1] ('body1')" in findings[1].message
     assert "body2" not in findings[1].message, "without calibration nobody knows"
+
+
+def test_a_shape_that_the_reference_does_not_fit_is_named_once_with_its_shares(probed):
+    usable, bad = pick_usable(probed[:3]), Quality(0.25, 0.5, 0.125)
+    _, *findings = diagnose_new_shapes(
+        usable, [True, False, False], [False, False, False], [bad, bad, None]
+    )
+    strange, (_, ill_laid) = findings
+    assert "these shapes much worse than any training shape left out: X[2] ('body2')." in (
+        strange.message
+    )
+    assert "fits training shapes: X[1] ('body1') (25% of the reference off" in ill_laid
+    assert "50% of the shape off the reference, 12% stretched)." in ill_laid
+    assert "body0" not in ill_laid, "a mirrored shape is called that alone"
 
 
 def test_a_report_warns_of_each_finding():

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 import skfmap
-from skfmap.__main__ import _parser
+from skfmap.commands.dispatch import parser_of, split_verb
 
 ROOT = Path(__file__).resolve().parents[1]
 pytestmark = pytest.mark.skipif(not (ROOT / "docs").is_dir(), reason="not in a checkout")
@@ -69,7 +69,8 @@ def test_commands_are_those_that_the_gate_runs_or_parse(page, command):
         assert f"\n{step}() {{\n" in (ROOT / ".ci" / "run").read_text(encoding="utf-8")
     elif "-m skfmap" in command:
         arguments = command.split("-m skfmap", 1)[1].replace("'", "").replace('"', "").split()
-        assert _parser().parse_args(arguments).folder
+        verb, rest = split_verb(arguments)
+        assert parser_of(verb).parse_args(rest)
     else:
         script = re.search(r"tests/benchmarks/\w+\.py", command)
         assert script, f"{page}: nothing runs {command!r}"
@@ -106,7 +107,13 @@ _ELSEWHERE = {
         "metrics.ERROR_KINDS",
         "io.MESH_SUFFIXES",
     ),
-    *("report.thin_out", "persistence.TRUSTED_TYPES", "io.as_mesh", "io.as_meshes"),
+    *(
+        "report.thin_out",
+        "report.landmark_table",
+        "persistence.TRUSTED_TYPES",
+        "io.as_mesh",
+        "io.as_meshes",
+    ),
     *("ground_truth.KnownMap", "ground_truth.join_with_reference", "ground_truth.known_maps"),
     *(
         "ground_truth.check_landmarks",

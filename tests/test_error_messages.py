@@ -87,7 +87,7 @@ CALLS = {
     "bytes": (lambda: read_mesh(b"a.off"), "A mesh is read from a path"),
     "no mesh": (
         lambda: write_mesh((BALL.vertices, BALL.faces), "a.off"),
-        "A skfmap.Mesh is written; got tuple",
+        "takes one skfmap.Mesh, .*; got tuple. Mesh",
     ),
     "no folder for a mesh": (
         lambda: write_mesh(BALL, "no/such/a.off"),

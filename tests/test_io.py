@@ -1,5 +1,6 @@
 """Mesh files: vertices keep number and order, or the file is refused."""
 
+import dataclasses
 import subprocess
 import sys
 import warnings
@@ -13,6 +14,7 @@ from skfmap import Mesh, SpectralBasis, check_mesh
 from skfmap.datasets import make_sphere
 from skfmap.exceptions import MeshError, RepairWarning
 from skfmap.io import MESH_SUFFIXES, as_mesh, as_meshes, read_mesh, write_mesh
+from skfmap.shapes import Registered
 
 EXACT = [".off", ".obj", ".ply"]
 
@@ -269,6 +271,24 @@ def test_missing_files_and_unknown_suffixes(tmp_path, tetrahedron):
     with pytest.raises(ValueError, match=r"'.glb'"):
         write_mesh(Mesh(*tetrahedron), tmp_path / "cat.glb")
     assert not (tmp_path / "cat.glb").exists()
+
+
+def test_what_register_returns_is_written_as_its_mesh(tmp_path, tetrahedron):
+    vertices, faces = tetrahedron
+    values = {"n_flipped": 0, "off": 0.0, "uncovered": 0.0, "stretched": 0.0, "fits": True}
+    laid = Registered(vertices, faces, np.zeros(len(vertices)), **values, name="cat1")
+    write_mesh(laid, tmp_path / "laid.off")
+    back = read_mesh(tmp_path / "laid.off")
+    np.testing.assert_array_equal(back.vertices, vertices)
+    np.testing.assert_array_equal(back.faces, faces)
+    with pytest.raises(TypeError, match=r"takes one skfmap\.Mesh, .*; got list\. .* one by one"):
+        write_mesh([laid], tmp_path / "all.off")
+    with pytest.raises(TypeError, match=r"got str\.$"):
+        write_mesh(tmp_path.name, laid)
+    nowhere = dataclasses.replace(laid, vertices=np.nan * vertices)
+    with pytest.raises(MeshError, match="'cat1' was left out"):
+        write_mesh(nowhere, tmp_path / "none.off")
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["laid.off"]
 
 
 def test_reading_warns_of_nothing(tmp_path, tetrahedron):

@@ -407,6 +407,12 @@ def test_a_model_with_another_refinement_says_so(fitted, probed):
             ask(probed[5:])
 
 
+def test_a_refinement_that_was_set_after_the_fit_says_so(fitted, probed):
+    changed = copy.copy(fitted).set_params(refine="register")
+    with pytest.raises(ValueError, match=r"refine is 'register' since the fit\. Fit again\."):
+        changed.register(probed[5:])
+
+
 def test_a_bridge_lays_no_meshes(creatures):
     _, truths, shapes = creatures
     bridged = BridgedLearner(WeightedFunctionalMapLearner(**GIVEN, refine=None), shapes[1].name)
@@ -542,6 +548,35 @@ def test_a_creature_that_was_cut_in_half_is_told(taught, creatures):
     assert "cat5" not in message
     assert not one.fits
     assert sound.fits
+
+
+@pytest.mark.parametrize("confidence", ["cross-fit", None])
+def test_a_match_through_a_mesh_that_does_not_fit_is_told_once(confidence, taught, creatures):
+    """With the numbers that `register` tells; plain matches of it do not know."""
+    learner = copy.copy(taught)
+    if confidence is None:
+        learner.confidence_ = None
+    vertices, faces = subdivided_octahedron(3)
+    blob = Mesh(vertices * [1.5, 1, 0.7] + 0.1 * vertices**2, faces, "blob")
+    shapes = [*probed_of([blob]), creatures[2][5]]
+    with warnings.catch_warnings(record=True) as told:
+        warnings.simplefilter("always")
+        learner.register(shapes)
+        strange, usual = learner.match(shapes)
+    of_meshes, of_matches = (str(w.message) for w in told)
+    assert {w.category for w in told} == {UnfamiliarShapeWarning}
+    shares = re.search(r"X\[0\] \('blob'\) \(.*stretched\)", of_meshes).group()
+    assert shares in of_matches
+    assert "Do not use the meshes" in of_meshes
+    assert "Do not trust their matches" in of_matches
+    assert "cat5" not in of_matches
+    assert (strange.familiar, usual.familiar) == (False, True)
+    assert repr(strange).endswith("unlike the training shapes)")
+    if confidence is None:
+        with warnings.catch_warnings():
+            warnings.simplefilter("error")
+            (plain, _) = learner.match(shapes, refine="bijective-zoomout")
+        assert plain.familiar is None
 
 
 def test_limits_are_three_times_the_usual_and_five_percent_at_least():

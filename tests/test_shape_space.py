@@ -315,6 +315,7 @@ def test_unfitted_spaces_say_so():
         lambda: space.transform(_wild()),
         lambda: space.inverse_transform([[0.0]]),
         lambda: space.mode_mesh(0, 1.0),
+        lambda: space.mean_mesh_,
         space.get_feature_names_out,
     ):
         with pytest.raises(NotFittedError):
@@ -348,8 +349,13 @@ def test_shapes_that_were_left_out_or_do_not_fit_are_named():
 def test_other_faces_are_refused_by_name():
     points = _wild()
     other = Mesh(points[0], BALL.faces[:, [1, 2, 0]], "turned")
-    with pytest.raises(MeshError, match=r"'turned' has .* not those of 'body0'"):
+    told = "'turned' has as many vertices and faces as 'body0', but the faces themselves differ"
+    with pytest.raises(MeshError, match=told):
         ShapeSpace().fit([*_meshes(points), other])
+    fewer = Mesh(points[0], BALL.faces[:-1], "open")
+    told = r"'open' has 1026 vertices and 2047 faces, .* not those of 'body0' \(1026 and 2048\)"
+    with pytest.raises(MeshError, match=told):
+        ShapeSpace().fit([*_meshes(points), fewer])
     space = ShapeSpace().fit(_meshes(points))
     with pytest.raises(MeshError, match="in other faces"):
         space.transform([other])
@@ -368,12 +374,21 @@ def test_other_faces_are_refused_by_name():
         (np.stack([FORM, FORM]), ValueError, "do not vary have no modes"),
         (Mesh(FORM, BALL.faces), TypeError, "got one Mesh"),
         ([], ValueError, "X is empty"),
-        ([Mesh(FORM, BALL.faces), FORM], TypeError, r"X\[1\] must be a Mesh"),
+        ([Mesh(FORM, BALL.faces), FORM], TypeError, r"ndarray at X\[1\]\. .*np\.stack\(X\)"),
+        ([Mesh(FORM, BALL.faces), (FORM, BALL.faces)], TypeError, r"tuple at X\[1\]\.$"),
+        (["a.off", "b.off"], TypeError, r"str at X\[0\]\. .*io\.read_mesh"),
+        ([Mesh(FORM, BALL.faces), *_registered([FORM])], TypeError, r"at X\[1\]\. .*\.mesh"),
     ],
 )
 def test_what_is_no_collection_is_refused(X, error, message):
     with pytest.raises(error, match=message):
         ShapeSpace().fit(X)
+
+
+def test_faces_are_refused_for_shapes_that_have_their_own():
+    for given in (_meshes(_wild()), _registered(_wild())):
+        with pytest.raises(ValueError, match=r"ShapeSpace\(faces=\.\.\.\) is for .* array"):
+            ShapeSpace(faces=BALL.faces).fit(given)
 
 
 def test_shapes_without_size_are_refused():

@@ -10,10 +10,16 @@ from sklearn.utils import Bunch
 
 from skfmap._tools.types import FloatArray, IntArray
 from skfmap._tools.validation import check_choice, check_index_range
-from skfmap.datasets._landmark_files import nearest_vertices, read_mrk_json
+from skfmap.datasets._landmark_files import landmark_files, landmarks_on, only_one
 from skfmap.exceptions import CorrespondenceError, MeshError
-from skfmap.io import MESH_SUFFIXES, as_far_as_sound, n_vertices_of, read_arrays
-from skfmap.shapes import Correspondence, Mesh, SkippedShape
+from skfmap.io import (
+    MESH_SUFFIXES,
+    as_far_as_sound,
+    n_vertices_of,
+    read_arrays,
+)
+from skfmap.io.tables import is_table_of_points
+from skfmap.shapes import Correspondence, Landmarks, Mesh, SkippedShape
 from skfmap.shapes.usable import warn_of_repairs, warn_of_skipped
 
 __all__ = ["load_collection"]
@@ -38,8 +44,13 @@ def load_collection(
     - ``NAME.template.txt`` or ``.npy``: the vertex of each template point, counted from 0, -1 where
       unknown;
     - ``NAME.txt`` or ``.npy``: two columns, vertex and template point, counted from 0;
-    - ``NAME.mrk.json``: landmarks of 3D Slicer, in the coordinates of the mesh. Each is taken to
-      the vertex nearest to it, and points of the same label correspond.
+    - landmarks, in the coordinates of the mesh, in any format of `skfmap.io.read_landmarks`:
+      ``NAME.fcsv``, ``NAME.mrk.json``, ``NAME_picked_points.pp``, ``NAME.tps``, ``NAME.pts``,
+      ``NAME.csv``, ``NAME.tsv``, and ``NAME.txt`` with three columns or more. Behind ``NAME`` may
+      stand ``_Landmarks``, ``_LM``, ``_points``, ``_markups`` or ``_fiducials``, in letters of any
+      case. Each landmark is put onto the surface where it is nearest
+      (`Correspondence.from_points`), and those of the same name correspond. One that is missing on
+      a mesh is missing there only.
 
     If no mesh has any of them and all meshes have the same faces, vertices correspond by their
     number.
@@ -66,8 +77,9 @@ def load_collection(
     -------
     sklearn.utils.Bunch
         ``meshes`` (list of Mesh), ``paths`` (list of str, the same meshes as files: large ones need
-        not be held all at a time), ``correspondences`` (list of Correspondence), ``names`` (list of
-        str), and ``DESCR``.
+        not be held all at a time), ``correspondences`` (list of Correspondence), ``landmarks``
+        (list of Landmarks, None for meshes that have no file of them), ``names`` (list of str), and
+        ``DESCR``, which says from which files correspondences were taken.
 
     Raises
     ------
@@ -75,14 +87,17 @@ def load_collection(
         If the folder does not exist, is a file, or holds no such mesh.
     CorrespondenceError
         If a mesh has no correspondences, or they do not fit it; if ``.vts`` files differ in length;
-        or if a file beside an STL mesh counts on vertex numbers, which that format does not have.
+        if a mesh has two files of landmarks; if some meshes have landmarks by name and others
+        points by number; or if a file beside an STL mesh counts on vertex numbers, which that
+        format does not have.
     MeshError
         If a mesh cannot be read.
 
     Warns
     -----
     RepairWarning, SkippedShapeWarning
-        If meshes were mended, or left out, as ``on_invalid`` says.
+        If meshes were mended, or left out, as ``on_invalid`` says; if landmarks lie on their mesh
+        only with x and y negated (3D Slicer's systems LPS and RAS), and were turned.
 
     Examples
     --------
@@ -108,12 +123,11 @@ def load_collection(
     paths = _mesh_paths(folder, pattern, reference)
     names = [path.stem for path in paths]
     modes = [_REFERENCE[on_invalid], *[on_invalid] * (len(paths) - 1)]
-    labels: dict[str, int] = {}
-    read = [_read(path, one, labels) for path, one in zip(paths, modes, strict=True)]
+    marked = landmark_files(paths)
+    read = [_read(path, files, one) for path, files, one in zip(paths, marked, modes, strict=True)]
     meshes = [one.mesh for one in read]
-    found = [one.truth for one in read]
-    beside = any(truth is not None for truth in found)
-    faults = _missing_or_odd(paths, meshes, found) if beside else _other_faces(read, folder)
+    beside = any(one.truth is not None for one in read)
+    faults = _missing_or_odd(paths, read) if beside else _other_faces(read, folder)
     for i, fault in faults.items():
         if on_invalid != "skip" or i == 0:
             raise CorrespondenceError(fault)
@@ -122,12 +136,12 @@ def load_collection(
     warn_of_skipped(meshes)
     sound = [i for i, mesh in enumerate(meshes) if not isinstance(mesh, SkippedShape)]
     if beside:
-        correspondences = [(found[i] if i in sound else None) or _NONE for i in range(len(meshes))]
+        correspondences = _numbered_alike(read, sound)
         counts = [len(correspondences[i].pairs) for i in sound]
         n_symmetric = sum(truth.has_symmetric for truth in correspondences)
         how = (
-            f"{_range(counts)} pairs per mesh read beside them, symmetric answers for "
-            f"{n_symmetric} of {len(sound)}"
+            f"{_range(counts)} pairs per mesh read beside them ({_sources(read, sound)}), "
+            f"symmetric answers for {n_symmetric} of {len(sound)}"
         )
     else:
         by_number = (Correspondence.from_vertices(np.arange(mesh.n_vertices)) for mesh in meshes)
@@ -138,12 +152,15 @@ def load_collection(
         meshes=meshes,
         paths=[str(path) for path in paths],
         correspondences=correspondences,
+        landmarks=[one.landmarks if i in sound else None for i, one in enumerate(read)],
         names=names,
         DESCR=f"{len(meshes)} meshes of {folder}{out}, reference {names[0]!r}; {how}.",
     )
 
 
 _LARGEST = 2**53  # whole numbers beyond are not exact as floats, which text is read as
+
+_MOST = 8  # names that a message lists
 
 _NO_FACES = np.empty((0, 3), dtype=np.int64)
 
@@ -156,31 +173,71 @@ _REFERENCE = {"mend": "mend", "raise": "raise", "skip": "mend"}
 
 
 class _Read(NamedTuple):
-    """What the files of a shape hold; ``faces`` as stored, ``done`` says how they were mended."""
+    """What the files of a shape hold; ``faces`` as stored, ``done`` says how they were mended.
+
+    ``source`` is the file that ``truth`` is from, with NAME for the name of the mesh, and ``note``
+    says what was done as it asks for.
+    """
 
     mesh: Mesh | SkippedShape
     truth: Correspondence | None = None
     faces: IntArray = _NO_FACES
     done: str = ""
+    landmarks: Landmarks | None = None
+    source: str = ""
+    note: str = ""
 
 
-def _read(path: Path, on_invalid: str, labels: dict[str, int]) -> _Read:
+def _read(path: Path, marked: list[Path], on_invalid: str) -> _Read:
     """Return a mesh and where it lies on the template; a skipped shape if it cannot be read.
 
-    ``labels`` holds the template point of each named landmark, and takes up new ones.
+    ``marked`` are files of landmarks beside it.
     """
     try:
         arrays = read_arrays(path)
         mesh, done = (_as_it_is if on_invalid == "raise" else as_far_as_sound)(*arrays, path.stem)
-        truth = _read_correspondence(path, mesh)
-        if truth is None and (file := path.with_suffix(".mrk.json")).is_file():
-            truth, turned = _of_landmarks(file, mesh, labels)
-            done = ", ".join(one for one in (done, turned) if one)
-        return _Read(mesh, truth, arrays[1], done)
+        truth, file = _read_correspondence(path, mesh)
+        read = _Read(mesh, truth, arrays[1], done, source=_source(file, path.stem))
+        if truth is not None or not marked:
+            return read
+        return _with_landmarks(read, mesh, only_one(marked, path))
     except (MeshError, CorrespondenceError, OSError) as error:
         if on_invalid != "skip":
             raise
         return _Read(SkippedShape(path.stem, str(error), n_vertices_of(path)))
+
+
+def _with_landmarks(read: _Read, mesh: Mesh, file: Path) -> _Read:
+    on = landmarks_on(file, mesh)
+    return read._replace(
+        truth=on.truth,
+        done=", ".join(one for one in (read.done, on.turned) if one),
+        landmarks=on.landmarks,
+        source=_source(file, str(mesh.name)),
+        note=on.note,
+    )
+
+
+def _numbered_alike(read: list[_Read], sound: list[int]) -> list[Correspondence]:
+    """Return the correspondences, template points of one name having one number in all of them."""
+    marks = [read[i].landmarks for i in sound]
+    names = list(dict.fromkeys(name for one in marks if one is not None for name in one.names))
+    out = [(one.truth if i in sound else None) or _NONE for i, one in enumerate(read)]
+    return [truth if truth.names is None else truth.number_by(names) for truth in out]
+
+
+def _source(file: Path | None, stem: str) -> str:
+    return "" if file is None else f"NAME{file.name[len(stem) :]}"
+
+
+def _sources(read: list[_Read], sound: list[int]) -> str:
+    """Return which kinds of files correspondences are from, and what was done as they ask for."""
+    kinds = [read[i].source for i in sound]
+    counts = [f"{kind} for {kinds.count(kind)}" for kind in dict.fromkeys(kinds)]
+    notes = [read[i].note for i in sound if read[i].note]
+    return "; ".join(
+        [", ".join(counts), *(f"{n} for {notes.count(n)}" for n in dict.fromkeys(notes))]
+    )
 
 
 def _as_it_is(vertices: FloatArray, faces: IntArray, name: str) -> tuple[Mesh, str]:
@@ -228,32 +285,22 @@ def _natural(path: Path) -> list[tuple[int, int | str]]:
     return [(0, int(part)) if part.isdecimal() else (1, part) for part in parts]
 
 
-def _read_correspondence(path: Path, mesh: Mesh) -> Correspondence | None:
-    truth = _find_correspondence(path, mesh)
+def _read_correspondence(path: Path, mesh: Mesh) -> tuple[Correspondence | None, Path | None]:
+    truth, file = _find_correspondence(path, mesh)
     if truth is not None and path.suffix.lower() == ".stl":
         raise CorrespondenceError(
             f"{path} has correspondences beside it, but STL files have no vertex numbers for "
             "these to count on; use the OFF, OBJ or PLY file that they were made for."
         )
-    return truth
+    return truth, file
 
 
-def _of_landmarks(path: Path, mesh: Mesh, labels: dict[str, int]) -> tuple[Correspondence, str]:
-    """Return where named landmarks lie on the template, and what was done to them."""
-    points = read_mrk_json(path)
-    if not points:
-        raise CorrespondenceError(f"{path} holds no landmark that was placed.")
-    vertices, turned = nearest_vertices(np.stack(list(points.values())), mesh, path)
-    template = [labels.setdefault(name, len(labels)) for name in points]
-    done = f"landmarks were taken with {turned}" if turned else ""
-    return Correspondence(np.column_stack([vertices, template])), done
-
-
-def _find_correspondence(path: Path, mesh: Mesh) -> Correspondence | None:
+def _find_correspondence(path: Path, mesh: Mesh) -> tuple[Correspondence | None, Path | None]:
+    """Return what a file that counts vertices says, and that file; None where there is none."""
     if (vts := path.with_suffix(".vts")).is_file():
         sym = path.with_suffix(".sym.vts")
         symmetric = _read_vts(sym, mesh) if sym.is_file() else None
-        return Correspondence.from_template(_read_vts(vts, mesh), symmetric)
+        return Correspondence.from_template(_read_vts(vts, mesh), symmetric), vts
     if path.with_suffix(".sym.vts").is_file():
         raise CorrespondenceError(
             f"{path.with_suffix('.sym.vts')} has no {path.with_suffix('.vts').name} beside it."
@@ -262,27 +309,42 @@ def _find_correspondence(path: Path, mesh: Mesh) -> Correspondence | None:
         stem = path.stem if kind == "pairs" else f"{path.stem}.{kind}"
         for suffix in (".npy", ".txt"):
             if (file := path.with_name(stem + suffix)).is_file():
+                if kind == "pairs" and suffix == ".txt" and is_table_of_points(file):
+                    continue
                 try:
-                    return _of_kind(kind, _read_integers(file), file, mesh)
+                    return _of_kind(kind, _read_integers(file), file, mesh), file
                 except CorrespondenceError as error:
                     raise CorrespondenceError(
                         str(error) if str(file) in str(error) else f"{file}: {error}"
                     ) from None
-    return None
+    return None, None
 
 
-def _missing_or_odd(
-    paths: list[Path], meshes: list[Mesh | SkippedShape], found: list[Correspondence | None]
-) -> dict[int, str]:
-    """Return, by index, which meshes have no file beside them or a .vts file of another length."""
-    sound = [i for i, mesh in enumerate(meshes) if isinstance(mesh, Mesh)]
-    missing = [paths[i].stem for i in sound if found[i] is None]
+def _missing_or_odd(paths: list[Path], read: list[_Read]) -> dict[int, str]:
+    """Return, by index, which meshes have no file beside them, or one that does not go with others.
+
+    That is landmarks by name where the first mesh has points by number, or a .vts file of another
+    length.
+    """
+    sound = [i for i, one in enumerate(read) if isinstance(one.mesh, Mesh)]
+    missing = [paths[i].stem for i in sound if read[i].truth is None]
     faults = {
         i: f"{paths[i].parent} has correspondence files for some meshes, but none for {missing}; "
         "add them, or choose meshes with `pattern`."
         for i in sound
-        if found[i] is None
+        if read[i].truth is None
     }
+    by = ("points by number", "landmarks by name")
+    for i in sound:
+        by_name = read[i].landmarks is not None
+        if i not in faults and (fault := _no_common_name(read[i], read[0])):
+            faults[i] = f"{paths[i].parent}: {fault}"
+        if i not in faults and by_name != (read[0].landmarks is not None):
+            faults[i] = (
+                f"{paths[i].stem!r} has {by[by_name]} ({read[i].source}), but {paths[0].stem!r} "
+                f"has {by[not by_name]} ({read[0].source}), so that nobody knows which correspond. "
+                "Give all meshes files of one kind."
+            )
     lengths = {i: _vts_lengths(paths[i]) for i in sound}
     every = [length for own in lengths.values() for length in own.values()]
     for i, own in lengths.items():
@@ -294,6 +356,19 @@ def _missing_or_odd(
                 f"differ: {odd}. For points that a shape lacks, use NAME.template.txt with -1."
             )
     return faults
+
+
+def _no_common_name(one: _Read, first: _Read) -> str:
+    """Return what is wrong where two meshes have landmarks, but none of one name."""
+    if one.landmarks is None or first.landmarks is None:
+        return ""
+    if set(one.landmarks.names) & set(first.landmarks.names):
+        return ""
+    has, wanted = (", ".join(marks.names[:_MOST]) for marks in (one.landmarks, first.landmarks))
+    return (
+        f"{one.mesh.name!r} has no landmark of the same name as {first.mesh.name!r}: {has} against "
+        f"{wanted}. Name those that correspond alike."
+    )
 
 
 def _vts_lengths(path: Path) -> dict[str, int]:
@@ -380,7 +455,7 @@ def _other_faces(read: list[_Read], folder: Path) -> dict[int, str]:
     return {
         i: f"{folder} has no correspondence files, and {one.mesh.name!r} has other faces than "
         f"{first.mesh.name!r}, so that vertices do not correspond by number. Put a file beside "
-        "each mesh: NAME.vts, NAME.vertices.txt, NAME.template.txt or NAME.txt; "
+        "each mesh: NAME.vts, NAME.vertices.txt, NAME.template.txt, NAME.txt or landmarks; "
         "help(skfmap.datasets.load_collection) explains them."
         for i, one in enumerate(read)
         if isinstance(one.mesh, Mesh) and not np.array_equal(one.faces, first.faces)

@@ -1,71 +1,107 @@
-"""Landmarks that were placed by hand, in files of 3D Slicer."""
+"""Landmarks that were placed by hand, in files beside the meshes."""
 
-import json
+import re
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
-from scipy.spatial import KDTree
 
-from skfmap._tools.types import FloatArray, IntArray
-from skfmap._tools.validation import is_finite
 from skfmap.exceptions import CorrespondenceError
-from skfmap.shapes import Mesh
+from skfmap.geometry.closest import nearest_places
+from skfmap.io.landmarks import LANDMARK_SUFFIXES, open_landmarks
+from skfmap.io.tables import is_table_of_points
+from skfmap.io.texts import MARKS, moved
+from skfmap.shapes import Correspondence, Landmarks, Mesh
 
-__all__ = ["nearest_vertices", "read_mrk_json"]
-
-# Share of the mesh's extent that the middle one of its landmarks may be away from it; those of
-# mouse skulls are at 0.002.
-_AWAY = 0.05
-# From this share on, landmarks do not lie on the mesh if turned ones are so many times nearer.
-_BESIDE, _NEARER = 0.01, 5.0
+__all__ = ["OnMesh", "landmark_files", "landmarks_on", "only_one"]
 
 
-def read_mrk_json(path: Path) -> dict[str, FloatArray]:
-    """Return the position of each landmark of a ``.mrk.json`` file by its label.
+def landmark_files(paths: list[Path]) -> list[list[Path]]:
+    """Return the files of landmarks beside each mesh, by their names.
 
-    In the coordinates of the file; landmarks that were not placed are left out.
+    A file that fits the names of two meshes (``cat_points.csv`` those of ``cat`` and
+    ``cat_points``) belongs to the longer one; letters of another case are as good where no name
+    fits exactly.
     """
-    try:
-        (markup,) = json.loads(path.read_text(encoding="utf-8"))["markups"]
-        points = [
-            (str(point.get("label") or i), point["position"])
-            for i, point in enumerate(markup["controlPoints"], start=1)
-            if point.get("positionStatus", "defined") == "defined"
-        ]
-        positions = np.array([position for _, position in points], dtype=np.float64).reshape(-1, 3)
-    except (ValueError, KeyError, TypeError, AttributeError) as error:
+    stems = [path.stem for path in paths]
+    suffixes = "|".join(re.escape(suffix) for suffix in LANDMARK_SUFFIXES)
+    fits = {
+        stem: re.compile(f"{re.escape(stem)}(?:{MARKS})?(?:{suffixes})", re.IGNORECASE)
+        for stem in stems
+    }
+    found: dict[str, list[Path]] = {stem: [] for stem in stems}
+    for file in sorted(paths[0].parent.iterdir()):
+        owners = [stem for stem in stems if fits[stem].fullmatch(file.name)]
+        if owners and file.is_file() and _may_hold_points(file, owners):
+            best = max(owners, key=lambda stem: (len(stem), file.name.startswith(stem)))
+            found[best].append(file)
+    return [_exact(found[stem], stem) for stem in stems]
+
+
+def _may_hold_points(file: Path, owners: list[str]) -> bool:
+    """Return False for NAME.txt of two columns: vertex and template point."""
+    is_plain = file.suffix.lower() == ".txt" and file.stem.lower() in map(str.lower, owners)
+    return not is_plain or is_table_of_points(file)
+
+
+def _exact(files: list[Path], stem: str) -> list[Path]:
+    exact = [file for file in files if file.name.startswith(stem)]
+    return exact or files
+
+
+def only_one(files: list[Path], mesh: Path) -> Path:
+    """Return the file of a mesh's landmarks; raise where there are several."""
+    if len(files) > 1:
         raise CorrespondenceError(
-            f"{path} cannot be read as one list of points of 3D Slicer: {type(error).__name__}: "
-            f"{error}."
-        ) from error
-    labels = [name for name, _ in points]
-    if twice := sorted({name for name in labels if labels.count(name) > 1}):
-        raise CorrespondenceError(f"{path} has several points of one name: {', '.join(twice)}.")
-    known = is_finite(positions)
-    return {name: at for name, at, yes in zip(labels, positions, known, strict=True) if yes}
+            f"{mesh} has {len(files)} files of landmarks beside it: "
+            f"{', '.join(file.name for file in files)}. Keep the one that is meant."
+        )
+    return files[0]
 
 
-def nearest_vertices(points: FloatArray, mesh: Mesh, path: Path) -> tuple[IntArray, str]:
-    """Return the vertex nearest to each landmark, and what had to be done to the coordinates.
+class OnMesh(NamedTuple):
+    """Landmarks of a file in the system of their mesh, and the places where they lie on it.
+
+    ``turned`` says that x and y were negated, ``note`` what was done as the file asks for.
+    """
+
+    landmarks: Landmarks
+    truth: Correspondence
+    turned: str
+    note: str
+
+
+def landmarks_on(path: Path, mesh: Mesh) -> OnMesh:
+    """Put the landmarks of a file onto their mesh; raise where they do not lie on it.
 
     Slicer's two systems of coordinates, LPS and RAS, differ by the signs of x and y. Landmarks that
-    lie on the mesh only with these turned are turned; those that do not lie on it at all are an
-    error.
+    lie on the mesh only with these negated are turned.
     """
-    used = np.unique(mesh.faces)
-    tree = KDTree(mesh.vertices[used])
-    extent = float(np.ptp(mesh.vertices[used], axis=0).max())
-    away, found = {}, {}
-    for done, signs in (("", [1.0, 1, 1]), ("x and y negated (RAS and LPS?)", [-1.0, -1, 1])):
-        distances, at = tree.query(points * signs)
-        away[done], found[done] = float(np.median(distances)) / extent, used[at]
-    as_they_are, turned = away
-    is_turned = away[as_they_are] > max(_BESIDE, _NEARER * away[turned])
-    best = turned if is_turned else as_they_are
-    if away[best] > _AWAY:
+    read = open_landmarks(path)
+    landmarks = moved(read.landmarks, read.landmarks.points, mesh.name)
+    if not landmarks.placed.any():
         raise CorrespondenceError(
-            f"The points of {path} do not lie on {mesh.name!r}: half of them are farther than "
-            f"{away['']:.0%} of its extent away. Another unit of length, another system of "
-            "coordinates, or another specimen's file?"
+            f"{path} holds no landmark that was placed. Place them, or leave {mesh.name!r} out."
         )
-    return found[best], best
+    try:
+        return OnMesh(landmarks, Correspondence.from_points(landmarks, mesh), "", read.done)
+    except CorrespondenceError as error:
+        turned = moved(landmarks, landmarks.points * [-1, -1, 1], mesh.name)
+        truth = _if_nearer(turned, landmarks, mesh)
+        if truth is None:
+            raise CorrespondenceError(f"{path}: {error}") from None
+    said = f"; the file says {read.system}" if read.system else ""
+    told = f"landmarks of {path.name} were taken with x and y negated (RAS and LPS?{said})"
+    return OnMesh(turned, truth, told, read.done)
+
+
+def _if_nearer(turned: Landmarks, written: Landmarks, mesh: Mesh) -> Correspondence | None:
+    """Return where turned landmarks lie on the mesh; None unless they do, and are nearer to it."""
+    try:
+        truth = Correspondence.from_points(turned, mesh)
+    except CorrespondenceError:
+        return None
+    placed = written.points[written.placed]
+    away = nearest_places(placed, mesh.vertices, mesh.faces).distances
+    nearer = truth.distance is not None and np.median(truth.distance) < np.median(away)
+    return truth if nearer else None

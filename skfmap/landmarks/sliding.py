@@ -4,6 +4,7 @@ from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 import numpy as np
+from scipy.linalg import solve
 
 from skfmap._tools.types import FloatArray, IntArray
 from skfmap._tools.validation import check_number
@@ -13,11 +14,11 @@ from skfmap.geometry.closest import ClosestPoints
 from skfmap.landmarks.alignment import align_landmarks
 from skfmap.landmarks.tables import check_landmarks, landmark_names, stack_landmarks
 from skfmap.landmarks.thin_plate import bending_matrix
-from skfmap.shapes import Landmarks, Mesh
+from skfmap.shapes import Correspondence, Landmarks, Mesh
 
 __all__ = ["slide"]
 
-# Singular values of the systems below this share of the largest are movements that bend nothing.
+# Share of the largest stiffness that holds movements back which bend nothing.
 _FREE = 1e-10
 # Where the surface is curved, a step can miss what its tangent planes promise; so often it is
 # halved.
@@ -66,7 +67,8 @@ def slide(
     Raises
     ------
     CorrespondenceError
-        If a name is unknown, slides in two ways, or a point that slides is missing.
+        If a name is unknown, slides in two ways, a point that slides is missing, or landmarks do
+        not lie on the mesh that is given for them.
     ValueError
         If points of the surface are to slide without meshes.
 
@@ -104,13 +106,18 @@ def slide(
     sliding = _sliding(names, surfaces, curves)
     points = stack_landmarks(kept)
     _check_there(points, names, kept, sliding)
-    put_back = _put_back(points, _check_meshes(meshes, len(kept), sliding), sliding)
+    _check_meshes(meshes, kept, sliding)
+    put_back = _put_back(points, meshes, sliding)
     points = np.array([back.onto(one) for back, one in zip(put_back, points, strict=True)])
     bent = None if reference is None else stack_landmarks([reference], names)[0]
     for _ in range(n_rounds):
         mean = _mean(points) if bent is None else bent
+        energy_of = _energies(mean)
         points = np.array(
-            [_slid(one, mean, sliding, back) for one, back in zip(points, put_back, strict=True)]
+            [
+                _slid(one, energy_of(one), sliding, back)
+                for one, back in zip(points, put_back, strict=True)
+            ]
         )
     return [_like(one, at, names) for one, at in zip(kept, points, strict=True)]
 
@@ -173,21 +180,23 @@ def _check_there(
 
 
 def _check_meshes(
-    meshes: Sequence[Mesh] | None, n_specimens: int, sliding: _Sliding
-) -> list[ClosestPoints] | None:
+    meshes: Sequence[Mesh] | None, landmarks: list[Landmarks], sliding: _Sliding
+) -> None:
+    """Raise unless there is a mesh for each specimen that its landmarks lie on."""
     if meshes is None:
         if len(sliding.surface):
             raise ValueError("Points slide on surfaces of meshes; give meshes, one per specimen.")
-        return None
-    if len(meshes) != n_specimens:
+        return
+    if len(meshes) != len(landmarks):
         raise ValueError(
-            f"There are {n_specimens} specimens but {len(meshes)} meshes; give one for each."
+            f"There are {len(landmarks)} specimens but {len(meshes)} meshes; give one for each."
         )
-    return [ClosestPoints(mesh.vertices, mesh.faces) for mesh in meshes]
+    for one, mesh in zip(landmarks, meshes, strict=True):
+        Correspondence.from_points(one, mesh)
 
 
 def _put_back(
-    points: FloatArray, meshes: list[ClosestPoints] | None, sliding: _Sliding
+    points: FloatArray, meshes: Sequence[Mesh] | None, sliding: _Sliding
 ) -> list[_PutBack]:
     """Return for each specimen how points get back onto its curves and its surface."""
     inside = [curve[1:-1] for curve in sliding.curves]
@@ -209,17 +218,29 @@ def _put_back(
 
         return _PutBack(onto, normals)
 
-    surfaces = [None] * len(points) if meshes is None else meshes
+    surfaces: list[ClosestPoints | None] = [None] * len(points)
+    if meshes is not None:
+        surfaces = [ClosestPoints(mesh.vertices, mesh.faces) for mesh in meshes]
     return [of_one(one, mesh) for one, mesh in zip(points, surfaces, strict=True)]
 
 
-def _slid(
-    points: FloatArray, reference: FloatArray, sliding: _Sliding, back: _PutBack
-) -> FloatArray:
+def _energies(reference: FloatArray) -> Callable[[FloatArray], FloatArray]:
+    """Return what gives the bending matrix of a reference, without the points that one lacks."""
+    made: dict[bytes, FloatArray] = {}
+
+    def matrix(points: FloatArray) -> FloatArray:
+        known = ~np.isnan(points[:, 0]) & ~np.isnan(reference[:, 0])
+        if known.tobytes() not in made:
+            L = np.zeros((len(points), len(points)))
+            L[np.ix_(known, known)] = bending_matrix(reference[known])
+            made[known.tobytes()] = L
+        return made[known.tobytes()]
+
+    return matrix
+
+
+def _slid(points: FloatArray, L: FloatArray, sliding: _Sliding, back: _PutBack) -> FloatArray:
     """Return points of one specimen after one step, which lowers their energy or is none."""
-    known = np.flatnonzero(~np.isnan(points[:, 0]) & ~np.isnan(reference[:, 0]))
-    L = np.zeros((len(points), len(points)))
-    L[np.ix_(known, known)] = bending_matrix(reference[known])
     rows, directions = _tangents(points, sliding, back)
     step = np.zeros_like(points)
     np.add.at(step, rows, _best_step(points, L, rows, directions)[:, None] * directions)
@@ -255,7 +276,8 @@ def _best_step(
     """Return how far to go in each direction: where the energy, which is quadratic, is least."""
     A = L[np.ix_(rows, rows)] * (directions @ directions.T)
     gradient = np.einsum("nd,nd->n", directions, (L @ _centred(points))[rows])
-    return np.asarray(-np.linalg.lstsq(A, gradient, rcond=_FREE)[0])
+    A[np.diag_indices_from(A)] += _FREE * A.diagonal().max() or 1.0
+    return np.asarray(-solve(A, gradient, assume_a="pos"))
 
 
 def _energy(points: FloatArray, L: FloatArray) -> float:

@@ -19,7 +19,7 @@ from skfmap.learner.training_set import TrainingSet
 from skfmap.refinement import PointMatch
 from skfmap.shapes import JoinedPairs, ProbedShape
 
-__all__ = ["REFINED", "UNREFINED", "Confidence", "CrossFitConfidence", "Trust"]
+__all__ = ["REFINED", "UNREFINED", "Confidence", "CrossFitConfidence", "Trust", "matchers_without"]
 
 UNREFINED, REFINED = "unrefined", "refined"
 
@@ -151,7 +151,7 @@ class CrossFitConfidence(Confidence):
         )
         n_folds = min(self.cv, len(used))
         folds = [used[f::n_folds] for f in range(n_folds)]
-        matchers = [matcher] if n_folds == 1 else _matchers_without(training, folds, matcher)
+        matchers = [matcher] if n_folds == 1 else matchers_without(training, folds, matcher)
         arguments = (
             (one, training.shapes[i], training.joins[i], training.known[i].areas, watch)
             for one, rows in zip(matchers, folds, strict=True)
@@ -243,10 +243,10 @@ def _weighted(observation: Observation, share: float) -> Observation:
     return observation._replace(weights=share * observation.weights)
 
 
-def _matchers_without(
+def matchers_without(
     training: TrainingSet, folds: list[IntArray], matcher: Matcher
 ) -> list[Matcher]:
-    """Return, for each fold, what is learned from the other folds."""
+    """Return, for each fold of the training shapes, what is learned from the other folds."""
     everything = np.concatenate(folds)
     arguments = ((training.only(np.setdiff1d(everything, rows)), matcher) for rows in folds)
     return map_shapes(_learned_from, arguments, n_jobs=training.n_jobs, verbose=0, prefer="threads")

@@ -25,6 +25,7 @@ from skfmap.ground_truth import coverage_messages
 from skfmap.learner.matcher import Solution
 from skfmap.learner.mirrored import is_against
 from skfmap.learner.training_set import TrainingSet
+from skfmap.registration import Quality
 from skfmap.shapes import Registered
 from skfmap.shapes.usable import Usable, describe
 
@@ -91,18 +92,28 @@ def diagnose(
 
 
 def diagnose_new_shapes(
-    usable: Usable, mirrored: Sequence[bool], familiar: Sequence[bool | None]
+    usable: Usable,
+    mirrored: Sequence[bool],
+    familiar: Sequence[bool | None],
+    misfits: Sequence[Quality | None] | None = None,
 ) -> list[Finding]:
     """Return what solutions and matches of new shapes show.
 
-    A mirrored shape is not called unfamiliar as well.
+    A mirrored shape is not called unfamiliar as well, and one that the reference was laid onto in
+    vain, whose quality is in ``misfits``, is named once, with that.
     """
+    misfits = [None] * len(familiar) if misfits is None else misfits
     called = [describe(i, shape) for i, shape in zip(usable.indices, usable.shapes, strict=True)]
     images = [who for who, yes in zip(called, mirrored, strict=True) if yes]
     strange = [
         who
-        for who, image, known in zip(called, mirrored, familiar, strict=True)
-        if known is False and not image
+        for who, image, known, misfit in zip(called, mirrored, familiar, misfits, strict=True)
+        if known is False and misfit is None and not image
+    ]
+    ill_laid = [
+        f"{who} ({_told(*misfit)})"
+        for who, image, misfit in zip(called, mirrored, misfits, strict=True)
+        if misfit is not None and not image
     ]
     findings = []
     if images:
@@ -127,7 +138,7 @@ def diagnose_new_shapes(
                 "resolution.",
             )
         )
-    return findings
+    return findings + _ill_laid(ill_laid, "Do not trust their matches.")
 
 
 def diagnose_reflected(called: Sequence[str]) -> list[Finding]:
@@ -142,23 +153,27 @@ def diagnose_reflected(called: Sequence[str]) -> list[Finding]:
 
 def diagnose_registered(usable: Usable, laid: Sequence[Registered]) -> list[Finding]:
     """Return which shapes the reference does not fit, and how that shows."""
-    told = ", ".join(
-        f"{describe(i, shape)} ({_told(one)})"
+    told = [
+        f"{describe(i, shape)} ({_told(one.off, one.uncovered, one.stretched)})"
         for i, shape, one in zip(usable.indices, usable.shapes, laid, strict=True)
         if not one.fits
-    )
+    ]
+    return _ill_laid(told, "Do not use the meshes that were laid onto them.")
+
+
+def _ill_laid(told: Sequence[str], consequence: str) -> list[Finding]:
     message = (
-        f"The reference does not fit these shapes as it fits training shapes: {told}. Do not use "
-        "the meshes that were laid onto them. Is it another kind of body, a part of one, or was it "
+        "The reference does not fit these shapes as it fits training shapes: "
+        f"{', '.join(told)}. {consequence} Is it another kind of body, a part of one, or was it "
         "matched wrongly?"
     )
     return [Finding(UnfamiliarShapeWarning, message)] if told else []
 
 
-def _told(one: Registered) -> str:
+def _told(off: float, uncovered: float, stretched: float) -> str:
     return (
-        f"{one.off:.0%} of the reference off the shape, {one.uncovered:.0%} of the shape off the "
-        f"reference, {one.stretched:.0%} stretched"
+        f"{off:.0%} of the reference off the shape, {uncovered:.0%} of the shape off the "
+        f"reference, {stretched:.0%} stretched"
     )
 
 

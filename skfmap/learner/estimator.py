@@ -17,7 +17,7 @@ from skfmap._tools.callbacks import CallbackSupportMixin, FitTask, with_callback
 from skfmap._tools.fitted import fitted_attribute
 from skfmap._tools.parallel import map_shapes, single_threaded, tell
 from skfmap._tools.types import Array, FloatArray, IntArray
-from skfmap._tools.validation import check_choice, check_sample_weight, label
+from skfmap._tools.validation import check_choice, check_number, check_sample_weight, label
 from skfmap._version import Versioned
 from skfmap.functional.learning import LearnedMaps
 from skfmap.functional.regularization import Regularizer
@@ -38,6 +38,7 @@ from skfmap.learner.error_model import ErrorModel
 from skfmap.learner.given_answers import given_reference
 from skfmap.learner.inputs import check_new_shapes, check_scored
 from skfmap.learner.laid_out import registered, unregistered
+from skfmap.learner.landmark_model import LandmarkModel, learn_landmarks
 from skfmap.learner.legacy import upgraded
 from skfmap.learner.matcher import Matcher, Solution
 from skfmap.learner.mirrored import mirror_image
@@ -53,11 +54,12 @@ from skfmap.learner.parameters import (
     refinement_of,
 )
 from skfmap.learner.parts import check_part_is_object, fit_part
+from skfmap.learner.predicted_landmarks import LandmarkPredictor
 from skfmap.learner.scoring import score_point_maps
 from skfmap.learner.training_set import FitRecord, TrainingSet, Weighting
 from skfmap.refinement import Refinement
 from skfmap.registration import Registration
-from skfmap.shapes import Correspondence, Match, ProbedShape, Registered
+from skfmap.shapes import Correspondence, Landmarks, Match, ProbedShape, Registered
 from skfmap.shapes.usable import Answer, ProbedItem, Usable, describe, put_back
 
 __all__ = ["WeightedFunctionalMapLearner"]
@@ -117,9 +119,9 @@ class WeightedFunctionalMapLearner(CallbackSupportMixin, Versioned, BaseEstimato
         How errors to expect are found: ``"cross-fit"`` is `CrossFitConfidence`, which learns again
         for each of three folds. None: not at all; a fit then takes a third of the time, with
         refinement a tenth, for
-        searches that only compare scores. Matches have no ``expected_error``, ``confidence`` and
-        ``familiar`` (None) then, and nothing warns of contradicting correspondences or of
-        unfamiliar shapes.
+        searches that only compare scores. Matches have no ``expected_error`` and ``confidence``
+        (None) then, and nothing warns of contradicting correspondences. Of unfamiliar shapes
+        nothing warns but ``refine="register"``; without that ``familiar`` is None.
     known_maps : {"auto", "pairs", "from-landmarks"}, KnownMaps or None, default="auto"
         Where the known maps of training shapes come from. ``"pairs"``, or None: from the pairs as
         they are given, of which there must be at least ``n_functions``. ``"from-landmarks"``: for
@@ -193,6 +195,9 @@ class WeightedFunctionalMapLearner(CallbackSupportMixin, Versioned, BaseEstimato
     known_maps_ : KnownMapsRecord
         How the known maps came about: kind, landmarks and pairs of each training shape, and how far
         from its place each landmark is put by the map that is built without it.
+    landmarks_ : LandmarkModel or None
+        Where measured points of the training shapes are, for `predict_landmarks`; None if the
+        reference has none.
     error_models_, misfits_, training_errors_ : dict, ndarray, ndarray
         Of `CrossFitConfidence`, which says what they are; they do not exist if ``confidence`` is
         another.
@@ -232,6 +237,7 @@ class WeightedFunctionalMapLearner(CallbackSupportMixin, Versioned, BaseEstimato
 
     matcher_: Matcher
     confidence_: Confidence | None
+    landmarks_: LandmarkModel | None
     record_: FitRecord
     known_maps_: KnownMapsRecord
     weights_: FloatArray = fitted_attribute("matcher_.weights")
@@ -368,6 +374,9 @@ class WeightedFunctionalMapLearner(CallbackSupportMixin, Versioned, BaseEstimato
         if confidence is not None:
             self._tell("calibrating expected errors on training shapes left out in turn")
             fitted["confidence_"] = fit_part(confidence, training, fitted["matcher_"])
+        fitted["landmarks_"] = learn_landmarks(
+            training, fitted["matcher_"], left_out=confidence is not None
+        )
         errors = getattr(fitted["confidence_"], "training_errors_", None)
         return fitted, diagnose(training, learned, errors)
 
@@ -488,14 +497,16 @@ class WeightedFunctionalMapLearner(CallbackSupportMixin, Versioned, BaseEstimato
             its own left and right.
         UnfamiliarShapeWarning
             If a shape is not like the training shapes: another kind of body, another resolution.
+            With ``"register"`` also if the reference does not fit it, as in `register`.
         """
         usable = self._usable(X)
         found = self._matched(usable.shapes, refine, interpolate)
-        mirrored, familiar = (
+        mirrored, familiar, misfits = (
             [is_mirrored(one.solution) for one in found],
             [one.match.familiar for one in found],
+            [one.misfit for one in found],
         )
-        report(diagnose_new_shapes(usable, mirrored, familiar))
+        report(diagnose_new_shapes(usable, mirrored, familiar, misfits))
         assessed = self.confidence_ is not None
         return put_back(
             [one.match for one in found],
@@ -529,9 +540,11 @@ class WeightedFunctionalMapLearner(CallbackSupportMixin, Versioned, BaseEstimato
         usable = self._usable(X)
         registration = self.refine_
         if not isinstance(registration, Registration):
+            late = isinstance(refinement_of(self.refine), Registration)
             raise ValueError(
-                f"register needs a learner that was fitted with refine='register'; here refine is "
-                f"{self.refine!r}. Set it and fit again."
+                "register needs a learner that was fitted with refine='register'; here refine is "
+                f"{self.refine!r}{' since the fit' if late else ''}. "
+                f"{'Fit' if late else 'Set it and fit'} again."
             )
         target = given_reference(self.reference_, [self.reference_])
         arguments = ((self.matcher_, registration, shape, target) for shape in usable.shapes)
@@ -540,6 +553,70 @@ class WeightedFunctionalMapLearner(CallbackSupportMixin, Versioned, BaseEstimato
         )
         report(diagnose_registered(usable, laid))
         return put_back(laid, usable, lambda skipped: unregistered(skipped, target))
+
+    def predict_landmarks(
+        self, X: Sequence[ProbedItem], *, coverage: float = 0.9, on_surface: bool = False
+    ) -> list[Landmarks]:
+        """Measure new shapes: put the landmarks that training shapes were measured at on them.
+
+        Parameters
+        ----------
+        X : sequence of ProbedShape
+            New shapes.
+        coverage : float, default=0.9
+            Share of the observer's points that `Landmarks.radius` is to hold.
+        on_surface : bool, default=False
+            Whether all points are put onto the surface. By default they lie off it as far as those
+            of the training shapes do in the mean: the observer's habit, or another threshold of the
+            scan.
+
+        Returns
+        -------
+        list of Landmarks
+            In the units and the place of each mesh. There are no expected errors where the learner
+            was fitted with ``confidence=None``, or the shape is not like the training shapes; and
+            no radii where fewer training shapes were left out than it takes to promise the
+            coverage, nine for 0.9.
+
+        Raises
+        ------
+        ValueError
+            If the learner was fitted without measured points, or ``coverage`` is not between 0 and
+            1.
+
+        Warns
+        -----
+        UnfamiliarShapeWarning
+            If a shape is not like the training shapes.
+
+        Notes
+        -----
+        Expected errors and radii come from distances on whole training shapes that were left out of
+        the learning and of the mean that answers are moved by, pooled over landmarks. Radii hold
+        what they promise in the mean over shapes and landmarks like these, as far as models learned
+        from somewhat fewer shapes err as this one does (which cross-validation takes for granted);
+        not for each landmark, and for this observer's points only.
+        """
+        usable = self._usable(X)
+        if check_number(coverage, "coverage", low=0, strict=True) >= 1:
+            raise ValueError(f"coverage must be below 1, for instance 0.9; got {coverage!r}.")
+        if self.landmarks_ is None:
+            raise ValueError(
+                "predict_landmarks needs a learner that was fitted with measured points; give y as "
+                "Correspondence.from_points(points, mesh, names), the reference's among them."
+            )
+        predictor = LandmarkPredictor(
+            self.landmarks_, self.matcher_, self.confidence_, coverage, on_surface
+        )
+        found = map_shapes(
+            predictor.of,
+            ((shape,) for shape in usable.shapes),
+            n_jobs=self.n_jobs,
+            verbose=self.verbose,
+            prefer="threads",
+        )
+        report(diagnose_new_shapes(usable, [False] * len(found), [fits for _, fits in found]))
+        return put_back([marks for marks, _ in found], usable, predictor.nowhere)
 
     def point_maps(
         self,
@@ -715,6 +792,7 @@ class WeightedFunctionalMapLearner(CallbackSupportMixin, Versioned, BaseEstimato
             "record_": training.record(learned),
             "known_maps_": training.how,
             "confidence_": None,
+            "landmarks_": None,
         }
 
     def _usable(self, X: Sequence[ProbedItem]) -> Usable:

@@ -23,6 +23,7 @@ __all__ = [
     "drawn_on_working_meshes",
     "errors_on_working_mesh",
     "given_reference",
+    "given_surface",
     "on_given_meshes",
     "on_working_mesh",
     "point_map_on_given",
@@ -88,6 +89,15 @@ class GivenReference:
         at = self.arrays[0][corners]
         away = np.linalg.norm(at - np.einsum("nc,ncd->nd", weights, at)[:, None], axis=2)
         return np.take_along_axis(corners, np.argmin(away, axis=1)[:, None], axis=1)[:, 0]
+
+
+def given_surface(spectral: SpectralShape) -> tuple[FloatArray, IntArray]:
+    """Return vertices and sound faces of the mesh that a shape was given as."""
+    mesh = spectral.mesh if spectral.given is None else open_given(spectral.given)
+    vertices, faces = (mesh.vertices, mesh.faces) if isinstance(mesh, Mesh) else mesh
+    faces = faces[sound_faces(vertices, faces)]
+    used, back = np.unique(faces, return_inverse=True)
+    return vertices[used], back.reshape(-1, 3)
 
 
 def given_reference(reference: ProbedShape, shapes: Sequence[ProbedShape] = ()) -> GivenReference:

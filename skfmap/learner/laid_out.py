@@ -7,15 +7,14 @@ from skfmap._tools.types import FloatArray, IntArray
 from skfmap.functional.similarity import MIRROR
 from skfmap.geometry.closest import ClosestPoints
 from skfmap.geometry.elasticity import ElasticSurface, nearest_rotations
-from skfmap.geometry.faults import sound_faces
 from skfmap.geometry.geodesics import mean_edge_length
 from skfmap.geometry.normals import vertex_normals
 from skfmap.io import open_given
-from skfmap.learner.given_answers import GivenReference
+from skfmap.learner.given_answers import GivenReference, given_surface
 from skfmap.learner.matcher import Matcher
 from skfmap.refinement import match_points
 from skfmap.registration import Registration
-from skfmap.shapes import Mesh, ProbedShape, Registered, SkippedShape, SpectralShape
+from skfmap.shapes import Mesh, ProbedShape, Registered, SkippedShape
 
 __all__ = ["registered", "unregistered"]
 
@@ -43,7 +42,7 @@ def registered(
     vertices = _with_detail(target, laid.vertices) * np.sqrt(spectral.area)
     if shape.reflected:
         vertices = vertices * MIRROR
-    surface = ClosestPoints(*_given(spectral))
+    surface = ClosestPoints(*given_surface(spectral))
     faces = _faces(target)
     if not (spectral.keeps_vertices and target.shape.keeps_vertices):
         reach = mean_edge_length(laid.vertices, target.shape.mesh.faces) * np.sqrt(spectral.area)
@@ -112,15 +111,6 @@ def _onto(
     agree = cosines * np.sign(np.median(cosines)) > _AGREES
     moved = agree & (near.distances < reach) & ~near.on_rim
     return np.where(moved[:, None], near.points, vertices)
-
-
-def _given(spectral: SpectralShape) -> tuple[FloatArray, IntArray]:
-    """Return vertices and sound faces of the mesh that a shape was given as."""
-    mesh = spectral.mesh if spectral.given is None else open_given(spectral.given)
-    vertices, faces = (mesh.vertices, mesh.faces) if isinstance(mesh, Mesh) else mesh
-    faces = faces[sound_faces(vertices, faces)]
-    used, back = np.unique(faces, return_inverse=True)
-    return vertices[used], back.reshape(-1, 3)
 
 
 def _faces(target: GivenReference) -> IntArray:

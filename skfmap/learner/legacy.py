@@ -43,7 +43,7 @@ def upgraded(state: dict[str, Any]) -> dict[str, Any]:
         If the model matched through a bridge.
     """
     if "bridge" not in state:
-        return state
+        return {"landmarks_": None, **state} if "matcher_" in state else state
     if state["bridge"] is not None:
         raise OutdatedModelError(
             "This model matches through a bridge, and was saved before that was a BridgedLearner: "
@@ -86,4 +86,5 @@ def _fitted(old: dict[str, Any]) -> dict[str, Any]:
         ),
         *(old[name] for name in ("stability_", "epsilon_", "loss_curve_", "n_iter_", "converged_")),
     )
-    return {"matcher_": matcher, "record_": record, "confidence_": confidence}
+    parts = {"matcher_": matcher, "confidence_": confidence, "landmarks_": None}
+    return {**parts, "record_": record}

@@ -141,10 +141,8 @@ def _side_in_space(
     if len(np.unique(join.points)) < TELLING:
         return None
     spectral, spectral_0 = shape.spectral, reference.spectral
-    points = np.asarray(spectral.place_matrix(join.vertices_i, join.places_i) @ spectral.vertices)
-    points_0 = np.asarray(
-        spectral_0.place_matrix(join.vertices_0, join.places_0) @ spectral_0.vertices
-    )
+    points = spectral.vertices_at(join.vertices_i, join.places_i)
+    points_0 = spectral_0.vertices_at(join.vertices_0, join.places_0)
     left = left_by_similarities(points, points_0, known.areas)
     if min(left) > STIFF or max(left) < max(_TIMES * min(left), 1e-9):
         return None

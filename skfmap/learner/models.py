@@ -8,9 +8,9 @@ import numpy as np
 from skfmap._tools.types import FloatArray, Model
 from skfmap._tools.unwrap import learner_and_shapes
 from skfmap.refinement import Refinement
-from skfmap.shapes import Match, Registered
+from skfmap.shapes import Landmarks, Match, Registered
 
-__all__ = ["functional_maps", "match", "register"]
+__all__ = ["functional_maps", "match", "predict_landmarks", "register"]
 
 
 def match(
@@ -78,6 +78,61 @@ def register(model: Model, X: Sequence[Any]) -> list[Registered]:
             "refine='register'."
         )
     return list(learner.register(shapes))
+
+
+def predict_landmarks(
+    model: Model, X: Sequence[Any], *, coverage: float = 0.9, on_surface: bool = False
+) -> list[Landmarks]:
+    """Measure new shapes: put the training shapes' landmarks on them, by any fitted model.
+
+    Parameters
+    ----------
+    model : WeightedFunctionalMapLearner, Pipeline or fitted search
+        The model, fitted with correspondences of measured points.
+    X : sequence
+        What the model takes: meshes for a pipeline that starts with `SpectralBasis`.
+    coverage, on_surface : float, bool
+        See `WeightedFunctionalMapLearner.predict_landmarks`.
+
+    Returns
+    -------
+    list of Landmarks
+        In the units and the place of each mesh, with the error to expect and the radius of the ball
+        that holds an observer's point as often as ``coverage`` says.
+
+    Raises
+    ------
+    TypeError
+        If the learner puts no landmarks on shapes.
+    ValueError
+        If it was fitted without measured points.
+
+    Examples
+    --------
+    >>> from sklearn.pipeline import make_pipeline
+    >>> import skfmap
+    >>> from skfmap.datasets import make_creatures
+    >>> creatures = make_creatures(n_shapes=4, n_vertices=500)
+    >>> meshes, measured = creatures.meshes, []
+    >>> for mesh, truth in zip(meshes, creatures.correspondences):
+    ...     points = mesh.vertices[truth.pairs[truth.pairs[:, 1] % 3 == 0, 0]]
+    ...     names = [f"point {t}" for t in truth.pairs[:, 1] if t % 3 == 0]
+    ...     measured.append(skfmap.Correspondence.from_points(points, mesh, names))
+    >>> model = make_pipeline(
+    ...     skfmap.SpectralBasis(n_components=30),
+    ...     skfmap.DescriptorTransformer(),
+    ...     skfmap.WeightedFunctionalMapLearner(n_functions=10),
+    ... )
+    >>> marks, = skfmap.predict_landmarks(model.fit(meshes[:3], measured[:3]), meshes[3:])
+    >>> marks.point("point 0").shape, marks.expected_error.shape == (len(marks.names),)
+    ((3,), True)
+    """
+    learner, shapes = learner_and_shapes(model, X)
+    if not hasattr(learner, "predict_landmarks"):
+        raise TypeError(
+            f"{type(learner).__name__} puts no landmarks on shapes; fit its learner by itself."
+        )
+    return list(learner.predict_landmarks(shapes, coverage=coverage, on_surface=on_surface))
 
 
 def functional_maps(model: Model, X: Sequence[Any]) -> FloatArray:

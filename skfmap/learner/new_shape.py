@@ -18,6 +18,7 @@ from skfmap.learner.given_answers import (
 from skfmap.learner.matcher import Matcher, Solution
 from skfmap.learner.signs import count_supporting
 from skfmap.refinement import PointMatch
+from skfmap.registration import Quality, Registration
 from skfmap.shapes import Match, ProbedShape, SkippedShape
 
 __all__ = ["INTERPOLATIONS", "MatchedShape", "match_shape", "no_match", "point_map"]
@@ -31,10 +32,14 @@ _CHUNK = 2000
 
 
 class MatchedShape(NamedTuple):
-    """A match, and the solution of equation (2) that it came from."""
+    """A match, and the solution of equation (2) that it came from.
+
+    ``misfit`` says how the reference lies on a shape that it was laid onto and does not fit.
+    """
 
     match: Match
     solution: Solution
+    misfit: Quality | None = None
 
 
 def point_map(matcher: Matcher, shape: ProbedShape, target: GivenReference) -> IntArray:
@@ -80,11 +85,16 @@ def match_shape(
     if confidence is not None:
         trust = confidence.assess(matcher, shape, solution, before, after, refined=refined)
         match = replace(match, **trust._asdict())
+    misfit = None
+    if isinstance(matcher.refinement, Registration):
+        quality, fits = matcher.refinement.quality_of(matcher, shape.spectral, after)
+        match = replace(match, familiar=fits and match.familiar is not False)
+        misfit = None if fits else quality
     if target.is_working and shape.spectral.prolongation is None:
-        return MatchedShape(match, solution)
+        return MatchedShape(match, solution, misfit)
     images = _images(matcher, shape, after, interpolate)
     return MatchedShape(
-        on_given_meshes(match, shape.spectral, images, target, interpolate), solution
+        on_given_meshes(match, shape.spectral, images, target, interpolate), solution, misfit
     )
 
 

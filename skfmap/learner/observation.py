@@ -85,12 +85,21 @@ def observe(
 
     Pairs without an area, which were left out as wrong, do not count.
     """
-    vertices_0 = matcher.reference.spectral.working_vertices(join.vertices_0)
+    spectral_0 = matcher.reference.spectral
+    vertices_0 = spectral_0.working_vertices(join.vertices_0)
     rows = np.flatnonzero(np.isin(vertices_0, watch.vertices) & (areas > 0))
-    at = shape.spectral.working_vertices(join.vertices_i[rows])
-    watched = np.searchsorted(watch.vertices, vertices_0[rows])
+    join, vertices_0 = join.take(rows), vertices_0[rows]
+    at = shape.spectral.working_vertices(join.vertices_i)
+    watched = np.searchsorted(watch.vertices, vertices_0)
     matched = match.p2p[at]
     signs = vertex_signs(matcher, shape, match, refined=refined)[at]
-    return Observation(
-        signs, watch.distances[watched, matched], join.weights[rows], matched, watched
-    )
+    errors = watch.distances[watched, matched]
+    if join.places_i is not None or join.places_0 is not None:
+        # Between places instead of vertices, as far as a straight line tells the difference.
+        x0 = spectral_0.vertices
+        to_corners = shape.spectral.place_matrix(join.vertices_i, join.places_i)
+        found = np.asarray(to_corners @ x0[match.p2p])
+        true = spectral_0.vertices_at(join.vertices_0, join.places_0)
+        detour = errors - np.linalg.norm(x0[matched] - x0[vertices_0], axis=1)
+        errors = np.linalg.norm(found - true, axis=1) + np.maximum(detour, 0.0)
+    return Observation(signs, errors, join.weights, matched, watched)

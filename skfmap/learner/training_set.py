@@ -13,6 +13,7 @@ from skfmap.exceptions import CorrespondenceError, MeshError
 from skfmap.functional.learning import LearnedMaps, learn_functional_maps
 from skfmap.functional.regularization import Regularizer
 from skfmap.functional.residuals import calibrated_covariance
+from skfmap.functional.similarity import MIRROR
 from skfmap.ground_truth import KnownMap, areas_of_pairs, join_with_reference, known_maps
 from skfmap.io import open_given
 from skfmap.known_maps import (
@@ -271,6 +272,20 @@ class TrainingSet:
     def describe(self, i: int) -> str:
         """Return what messages call the i-th shape here: by its index in X and its name."""
         return describe(int(self.indices[i]), self.shapes[i])
+
+    def points(self, i: int) -> FloatArray:
+        """Return the points of the i-th shape that are paired, at unit area: (n_pairs, 3).
+
+        Those that were measured, or where the pairs are on the surface; of the image of a shape
+        that was reflected.
+        """
+        shape, truth, join = self.shapes[i].spectral, self.truths[i], self.joins[i]
+        if truth.coordinates is None:
+            return shape.vertices_at(join.vertices_i, join.places_i)
+        order = np.argsort(truth.pairs[:, 1])
+        rows = order[np.searchsorted(truth.pairs[order, 1], join.points)]
+        measured = truth.coordinates[rows] / np.sqrt(shape.area)
+        return measured * MIRROR if self.shapes[i].reflected else measured
 
     def only(self, rows: IntArray) -> Self:
         """Return the training set of some of the shapes, and the reference."""

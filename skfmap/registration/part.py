@@ -227,6 +227,22 @@ class Registration(Refinement):
         flipped = flipped_faces(self.deformation_, spectral_0.mesh.faces, vertices)
         return Laid(vertices, int(flipped.sum()), quality, self.limits_.allow(quality))
 
+    def quality_of(
+        self, learned: Learned, spectral: SpectralShape, match: PointMatch
+    ) -> tuple[Quality, bool]:
+        """Return how well the reference lies that `refine` took a match from, and whether it fits.
+
+        Parameters
+        ----------
+        learned, spectral : Learned, SpectralShape
+            As in `refine`.
+        match : PointMatch
+            What `refine` returned.
+        """
+        laid = match.points_0[:, :3]  # positions; normals are behind them
+        quality = self._quality(learned.reference.spectral, spectral, laid)
+        return quality, self.limits_.allow(quality)
+
     def vertices_on(
         self, learned: Learned, spectral: SpectralShape, match: PointMatch
     ) -> FloatArray:
@@ -373,7 +389,7 @@ def _sample(matcher: Any, training: Any, i: int, pose: str) -> _Sample:
     join = training.joins[i].take(right)
     pairs = Anchors(
         spectral_0.place_matrix(join.vertices_0, join.places_0),
-        shape.spectral.place_matrix(join.vertices_i, join.places_i) @ shape.spectral.vertices,
+        training.points(i)[right],  # as measured: on the surface mandibles lose 0.007 of 0.19 mm
         join.weights * (draw / max(float(join.weights.sum()), 1e-300)),
     )
     return _Sample(matcher, shape, pairs, pose)
@@ -387,13 +403,9 @@ def _pose(training: Any) -> str:
             continue
         join, spectral_0 = training.joins[i], training.reference.spectral
         spectral = training.shapes[i].spectral
-        points = spectral.place_matrix(join.vertices_i, join.places_i)
-        points_0 = spectral_0.place_matrix(join.vertices_0, join.places_0)
-        left.append(
-            left_by_similarities(
-                points @ spectral.vertices, points_0 @ spectral_0.vertices, join.weights
-            )[0]
-        )
+        points = spectral.vertices_at(join.vertices_i, join.places_i)
+        points_0 = spectral_0.vertices_at(join.vertices_0, join.places_0)
+        left.append(left_by_similarities(points, points_0, join.weights)[0])
     return "similarity" if left and np.median(left) <= STIFF else "free"
 
 

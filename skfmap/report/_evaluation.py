@@ -20,7 +20,7 @@ from skfmap.metrics import PairErrors
 from skfmap.model_selection import PinnedReference
 from skfmap.shapes import Correspondence, Match, Mesh, ProbedShape, SkippedShape
 
-__all__ = ["Evaluation", "evaluate", "thin_out"]
+__all__ = ["Evaluation", "evaluate", "folds_of", "index_of_reference", "thin_out", "trained"]
 
 Learner: TypeAlias = WeightedFunctionalMapLearner | BridgedLearner
 # What scikit-learn takes for cv.
@@ -107,24 +107,24 @@ def evaluate(
         for i in range(len(given))
         if not any(isinstance(one[i], SkippedShape) for one in (known, asked))
     ]
-    index = _index_of_reference(learner, given, usable)
+    index = index_of_reference(learner, given, usable)
     order = [index, *(i for i in usable if i != index)]
     shapes, truths = [given[i] for i in order], [known[i] for i in order]
     scored = thin_out([asked[i] for i in order])
     fitted: dict[int, tuple[Match, PairErrors]] = {}
     without: dict[int, PairErrors] = {}
-    splits = list(PinnedReference(_folds(cv, len(shapes) - 1)).split(shapes, truths))
+    splits = list(PinnedReference(folds_of(cv, len(shapes) - 1)).split(shapes, truths))
     for fold, (train, test) in enumerate(splits, start=1):
         if verbose:
             tell(
                 f"fold {fold} of {len(splits)}: "
                 f"{', '.join(label(shapes[i].name, 'shape') for i in test)} left out"
             )
-        own = _trained(learner, shapes, truths, train)
+        own = trained(learner, shapes, truths, train)
         matches, errors = own.match([shapes[i] for i in test]), _errors(own, shapes, scored, test)
         fitted |= dict(zip(test.tolist(), zip(matches, errors, strict=True), strict=True))
         if naive:
-            plain = _trained(learner, shapes, truths, train, weighting=None)
+            plain = trained(learner, shapes, truths, train, weighting=None)
             without |= dict(zip(test.tolist(), _errors(plain, shapes, scored, test), strict=True))
     tested = sorted(fitted)
     return Evaluation(
@@ -148,14 +148,15 @@ def _drawn(match: Match, shape: ProbedShape, reference: ProbedShape) -> Match:
     return drawn_on_working_meshes(match, shape.spectral, reference.spectral)
 
 
-def _folds(cv: CrossValidation, n_shapes: int) -> CrossValidation:
+def folds_of(cv: CrossValidation, n_shapes: int) -> CrossValidation:
     """Return ``cv``, but no more folds than shapes."""
     return min(cv, n_shapes) if isinstance(cv, int) else cv
 
 
-def _index_of_reference(
+def index_of_reference(
     learner: Learner, shapes: Sequence[ProbedShape], usable: Sequence[int]
 ) -> int:
+    """Return which of the shapes is the reference of a fitted learner."""
     wanted = learner.reference_.spectral.given_hash
     for i in usable:
         if shapes[i].spectral.given_hash == wanted:
@@ -166,13 +167,14 @@ def _index_of_reference(
     )
 
 
-def _trained(
+def trained(
     learner: Learner,
     shapes: Sequence[ProbedShape],
     truths: Sequence[Correspondence],
     train: IntArray,
     **changes: Any,
 ) -> Learner:
+    """Return a learner of the same parameters, fitted on a fold; its reference comes first."""
     fresh = clone(learner)
     getattr(fresh, "estimator", fresh).set_params(reference="first", verbose=0, **changes)
     return fresh.fit([shapes[i] for i in train], [truths[i] for i in train])

@@ -346,6 +346,19 @@ class Correspondence:
         return self.pairs[:, :1] if self.places is None else self.places.corners
 
     @property
+    def landmarks(self) -> Landmarks | None:
+        """The points as they were measured; None without ``coordinates``.
+
+        A template point without a name is called by its number, from 1.
+        """
+        if self.coordinates is None:
+            return None
+        numbers = self.pairs[:, 1]
+        if self.names is None:
+            return Landmarks(self.coordinates, [str(t + 1) for t in numbers])
+        return Landmarks(self.coordinates, [self.names[t] for t in numbers])
+
+    @property
     def known_names(self) -> tuple[str, ...]:
         """Names of the template points that the shape has; none where they have no names."""
         has = set(self.pairs[:, 1].tolist())
@@ -518,7 +531,7 @@ class Correspondence:
             If a name is none of those that the template points have.
         """
         kept = as_array(points, "points", TypeError)
-        if kept.dtype.kind == "U":
+        if kept.size and all(isinstance(one, str) for one in kept.flat):
             kept = _numbers_of(kept.ravel().tolist(), self.names)
         if not np.issubdtype(kept.dtype, np.integer):
             raise TypeError(
@@ -589,7 +602,7 @@ def _numbered_as(
     if names == names_0:
         return pairs_0
     if names is None or names_0 is None:
-        told = _told(names or names_0 or ())
+        told = _told([*(names or ()), *(names_0 or ())])
         raise CorrespondenceError(
             f"Of two correspondences, one names its template points ({told}) and the other does "
             "not. Give names to both, or to neither."
@@ -646,7 +659,7 @@ def _correspondence(
 def _check_places(places: Any, pairs: IntArray) -> SurfacePlaces | None:
     if places is None:
         return None
-    if not isinstance(places, tuple) or len(places) != 2:
+    if not isinstance(places, (tuple, list)) or len(places) != 2:
         raise CorrespondenceError("places must be a pair of arrays, (corners, weights).")
     shape = (len(pairs), 3)
     corners = as_array(places[0], "The corners of places", CorrespondenceError)
@@ -677,7 +690,8 @@ def _check_places(places: Any, pairs: IntArray) -> SurfacePlaces | None:
 def _check_names(names: Any, pairs: IntArray, symmetric: IntArray | None) -> tuple[str, ...] | None:
     if names is None:
         return None
-    if isinstance(names, str) or not all(isinstance(name, str) for name in names):
+    is_one = isinstance(names, str) or not hasattr(names, "__iter__")
+    if is_one or not all(isinstance(name, str) for name in names):
         raise CorrespondenceError(f"names must be a sequence of texts; got {names!r}.")
     out = tuple(str(name) for name in names)
     if twice := sorted({name for name in out if out.count(name) > 1}):

@@ -58,7 +58,7 @@ class Match:
         square.
     familiar : bool or None
         Whether the shape is like the training shapes: False where `UnfamiliarShapeWarning` named
-        it. None if the learner calibrates no errors.
+        it. None if nothing tells: the learner calibrates no errors, and lays no mesh onto shapes.
     """
 
     p2p: IntArray

@@ -176,6 +176,13 @@ class SpectralShape:
         shape = (n, self.mesh.n_vertices)
         return sp.coo_array((weights.ravel(), (rows, corners.ravel())), shape=shape).tocsr()
 
+    def vertices_at(self, given: IntArray, places: SurfacePlaces | None = None) -> FloatArray:
+        """Return where these lie on the working mesh at unit area, shape (n, 3).
+
+        The parameters are those of `place_matrix`.
+        """
+        return np.asarray(self.place_matrix(given, places) @ self.vertices)
+
     def working_vertices(self, given: IntArray) -> IntArray:
         """Return the working vertex nearest to each of some given vertices; -1 without a place."""
         if self.prolongation is None:

@@ -27,7 +27,7 @@ from skfmap._tools.validation import (
 )
 from skfmap.exceptions import MeshError
 from skfmap.geometry.faults import sound_faces
-from skfmap.shapes import GivenMesh, Mesh, SkippedShape
+from skfmap.shapes import GivenMesh, Mesh, Registered, SkippedShape
 
 __all__ = [
     "MESH_SUFFIXES",
@@ -179,7 +179,7 @@ def as_far_as_sound(vertices: FloatArray, faces: IntArray, name: str) -> tuple[M
     return Mesh(points, faces[sound], name), done
 
 
-def write_mesh(mesh: Mesh, path: str | Path) -> None:
+def write_mesh(mesh: Mesh | Registered, path: str | Path) -> None:
     """Write a mesh; the suffix of ``path`` chooses the format.
 
     OFF and OBJ keep sixteen digits of the largest coordinate, whatever its unit. PLY and STL hold
@@ -187,8 +187,9 @@ def write_mesh(mesh: Mesh, path: str | Path) -> None:
 
     Parameters
     ----------
-    mesh : Mesh
-        The mesh.
+    mesh : Mesh or Registered
+        The mesh, or one of those that `skfmap.register` returns. Vertices and faces are written,
+        and nothing else: no colours, no texture coordinates.
     path : str or Path
         File to write: .off, .obj, .ply or .stl.
 
@@ -199,7 +200,9 @@ def write_mesh(mesh: Mesh, path: str | Path) -> None:
     FileNotFoundError
         If there is no such folder.
     TypeError
-        If it is no `Mesh`.
+        If it is neither.
+    MeshError
+        If the shape of a `Registered` was left out, so that there is no mesh.
 
     Examples
     --------
@@ -211,8 +214,14 @@ def write_mesh(mesh: Mesh, path: str | Path) -> None:
     >>> read_mesh(path)
     Mesh('ball', n_vertices=18, n_faces=32)
     """
+    if isinstance(mesh, Registered):
+        mesh = mesh.mesh
     if not isinstance(mesh, Mesh):
-        raise TypeError(f"A skfmap.Mesh is written; got {type(mesh).__name__}.")
+        remedies = {list: " Write those of a list one by one.", tuple: " Mesh(*pair) makes one."}
+        raise TypeError(
+            "write_mesh takes one skfmap.Mesh, or one of what skfmap.register returns; got "
+            f"{type(mesh).__name__}.{remedies.get(type(mesh), '')}"
+        )
     suffix = Path(path).suffix.lower()
     if suffix not in MESH_SUFFIXES:
         raise ValueError(

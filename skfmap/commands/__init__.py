@@ -1,0 +1,5 @@
+"""The command line, one module for each verb."""
+
+from skfmap.commands.dispatch import main
+
+__all__ = ["main"]

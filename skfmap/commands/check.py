@@ -1,0 +1,61 @@
+"""``check``: what is wrong with meshes, and with a folder of them."""
+
+import argparse
+import warnings
+from pathlib import Path
+
+from skfmap.commands.inputs import mesh_files
+from skfmap.datasets import load_collection
+from skfmap.exceptions import RepairWarning, SkippedShapeWarning
+from skfmap.health import check_mesh
+from skfmap.shapes import SkippedShape
+
+__all__ = ["DESCRIPTION", "HELP", "add_arguments", "run"]
+
+HELP = "say what is wrong with meshes, or with a folder to train on"
+DESCRIPTION = (
+    "Say what is wrong with meshes and what it means, and whether a folder can be trained on: "
+    "what was found beside its meshes, and which of them would be left out."
+)
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the options of the verb."""
+    parser.add_argument("meshes", nargs="+", type=Path, help="meshes, or folders of meshes")
+    parser.add_argument("--pattern", default="*", help="which meshes of a folder, by name")
+    parser.add_argument(
+        "--laplacian",
+        choices=["cotangent", "robust"],
+        default="cotangent",
+        help="for which Laplacian (default: cotangent)",
+    )
+
+
+def run(options: argparse.Namespace) -> int:
+    """Check, and return the exit status: 1 if something cannot be used."""
+    sound = True
+    for given in options.meshes:
+        for path in mesh_files([given]):
+            report = check_mesh(path)
+            print(report)
+            sound &= report.usable(options.laplacian)
+        if given.is_dir():
+            sound &= _check_folder(given, options.pattern)
+    return 0 if sound else 1
+
+
+def _check_folder(folder: Path, pattern: str) -> bool:
+    """Say what training would find in a folder; return whether it would leave nothing out."""
+    try:
+        with warnings.catch_warnings():
+            for told in (RepairWarning, SkippedShapeWarning):  # here, in lines of its own
+                warnings.simplefilter("ignore", told)
+            collection = load_collection(folder, pattern, on_invalid="skip")
+    except (ValueError, OSError) as error:
+        print(f"{folder} cannot be trained on: {error}")
+        return False
+    print(collection.DESCR)
+    left_out = [one for one in collection.meshes if isinstance(one, SkippedShape)]
+    for one in left_out:
+        print(f"  {one.name} would be left out: {one.reason}")
+    return not left_out

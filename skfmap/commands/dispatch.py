@@ -1,0 +1,158 @@
+"""Find the verb, run it, and say in one line what went wrong."""
+
+import argparse
+import io
+import re
+import sys
+import textwrap
+import warnings
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Protocol
+
+from skfmap._tools.parallel import single_threaded
+from skfmap._version import __version__
+from skfmap.commands import check, demo, landmarks, match, register, report, train, transfer
+
+__all__ = ["main", "parser_of", "split_verb"]
+
+
+_WIDTH = 79
+# Warnings call a shape by its index and its name; nobody on the command line knows the index.
+_INDEX = re.compile(r"X\[\d+\] \(('[^']*')\)")
+
+
+class Verb(Protocol):
+    """A module of this package."""
+
+    HELP: str
+    DESCRIPTION: str
+
+    def add_arguments(self, parser: argparse.ArgumentParser) -> None:
+        """Add the options of the verb."""
+
+    def run(self, options: argparse.Namespace) -> int:
+        """Do it, and return the exit status."""
+
+
+VERBS: dict[str, Verb] = {
+    "train": train,
+    "match": match,
+    "landmarks": landmarks,
+    "register": register,
+    "transfer": transfer,
+    "check": check,
+    "report": report,
+    "demo": demo,
+}
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run a verb of the command line, or the demonstration where none is named.
+
+    Parameters
+    ----------
+    arguments : sequence of str, optional
+        What stands behind ``python -m skfmap``; that of this process by default.
+
+    Returns
+    -------
+    int
+        The exit status: 0, 1 if a shape could not be used, 2 if nothing could be done, 130 if the
+        work was interrupted.
+
+    Examples
+    --------
+    >>> from skfmap.commands import main
+    >>> main(["match", "nowhere.skops", "scan.ply"])
+    2
+    """
+    verb, rest = split_verb(sys.argv[1:] if arguments is None else arguments)
+    with _escaped_output(), _plain_warnings():
+        try:
+            options = parser_of(verb).parse_args(rest)
+        except SystemExit as stopped:  # --help, --version, or a wrong option, told by argparse
+            return int(stopped.code or 0)
+        try:
+            # Cores work on different shapes: threads of one small product would be in their way.
+            return single_threaded(VERBS[verb].run, options)
+        except (ValueError, TypeError, OSError, ImportError) as error:
+            print(f"skfmap: {' '.join(str(error).split())}", file=sys.stderr)
+            return 2
+        except KeyboardInterrupt:
+            print(
+                "skfmap: interrupted; files that were written are kept, and so are results in "
+                "the folder given by --cache or --memory.",
+                file=sys.stderr,
+            )
+            return 130
+
+
+def split_verb(arguments: Sequence[str]) -> tuple[str, list[str]]:
+    """Return the verb, the demonstration where none is named, and the arguments behind it."""
+    if arguments and arguments[0] in VERBS:
+        return arguments[0], list(arguments[1:])
+    return "demo", list(arguments)
+
+
+def parser_of(verb: str) -> argparse.ArgumentParser:
+    """Return what reads the arguments of a verb."""
+    program = "skfmap" if Path(sys.argv[0]).stem == "skfmap" else "python -m skfmap"
+    chosen = VERBS[verb]
+    parser = argparse.ArgumentParser(
+        prog=program if verb == "demo" else f"{program} {verb}",
+        description=textwrap.fill(chosen.DESCRIPTION, _WIDTH),
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+        epilog=_verbs(program) if verb == "demo" else None,
+    )
+    chosen.add_arguments(parser)
+    parser.add_argument("--version", action="version", version=f"skfmap {__version__}")
+    parser.set_defaults(program=program)
+    return parser
+
+
+def _verbs(program: str) -> str:
+    lines = [f"  {verb:<11}{module.HELP}" for verb, module in VERBS.items()]
+    return "\n".join(
+        [
+            "Verbs, each with a --help of its own; a folder of that name is written ./match:",
+            *lines,
+            f"For instance: {program} train FOLDER -o model.skops",
+        ]
+    )
+
+
+@contextmanager
+def _escaped_output() -> Iterator[None]:
+    """Escape what the encoding of the terminal lacks, as names in other scripts."""
+    streams = [one for one in (sys.stdout, sys.stderr) if isinstance(one, io.TextIOWrapper)]
+    before = [one.errors for one in streams]
+    for one in streams:
+        one.reconfigure(errors="backslashreplace")
+    try:
+        yield
+    finally:
+        for one, errors in zip(streams, before, strict=True):
+            one.reconfigure(errors=errors)
+
+
+@contextmanager
+def _plain_warnings() -> Iterator[None]:
+    """Print what warnings say, without a line of code."""
+    usual, warnings.formatwarning = warnings.formatwarning, _format_warning
+    try:
+        yield
+    finally:
+        warnings.formatwarning = usual
+
+
+def _format_warning(
+    message: Warning | str,
+    category: type[Warning],
+    filename: str,  # noqa: ARG001
+    lineno: int,  # noqa: ARG001
+    line: str | None = None,  # noqa: ARG001
+) -> str:
+    text = _INDEX.sub(r"\1", str(message))
+    return f"{category.__name__}: {text}\n"

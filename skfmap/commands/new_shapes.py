@@ -1,0 +1,145 @@
+"""What match, landmarks, register and transfer share: new shapes, one after the other."""
+
+import argparse
+import warnings
+from collections.abc import Callable, Iterator, Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from joblib import effective_n_jobs
+
+from skfmap._tools.parallel import tell
+from skfmap._tools.unwrap import last_step, learner_and_shapes
+from skfmap.commands.inputs import add_new_shapes, mesh_files, read_model
+from skfmap.commands.outputs import add_output, check_free, show_table, targets_of, write_table
+from skfmap.exceptions import SkippedShapeWarning, UnfamiliarShapeWarning
+from skfmap.shapes import SkippedShape
+
+__all__ = ["Result", "Work", "add_common", "run_on_new_shapes"]
+
+_SUMMARY = "summary.csv"
+
+
+class Result(NamedTuple):
+    """What the summary says of a shape: its cells, and the doubt by which it is sorted."""
+
+    cells: tuple[object, ...]
+    doubt: tuple[float, ...]
+
+
+class Work(NamedTuple):
+    """What a verb does.
+
+    ``suffix`` is that of the files, ``columns`` are those of the summary between name and note,
+    ``answer(learner, shapes)`` asks the model, ``write(answer, path)`` writes the file of one
+    shape, and ``units`` says in a sentence what the summary's numbers are. ``finish()`` writes what
+    is about all of them.
+    """
+
+    suffix: str
+    columns: tuple[str, ...]
+    answer: Callable[[Any, Sequence[Any]], Sequence[Any]]
+    write: Callable[[Any, Path], Result]
+    units: str
+    finish: Callable[[], None] | None = None
+
+
+class _Row(NamedTuple):
+    name: str
+    cells: tuple[object, ...]
+    doubt: tuple[float, ...]
+    note: str
+
+
+def add_common(parser: argparse.ArgumentParser, default: str, what: str) -> None:
+    """Add a model, meshes, and where results go."""
+    add_new_shapes(parser)
+    add_output(parser, default, what)
+    parser.add_argument(
+        "--jobs", type=int, default=-1, help="shapes at a time (default: one per core)"
+    )
+    parser.add_argument("--quiet", action="store_true", help="tell no progress")
+
+
+def run_on_new_shapes(
+    options: argparse.Namespace,
+    work: Callable[[Any], Work],
+    suffix: str,
+    also: Sequence[Path] = (),
+) -> int:
+    """Do the work on each shape, print the summary, and return the exit status.
+
+    ``work(learner)`` checks the rest of the options with the model at hand; ``also`` are files that
+    are written beside those of the shapes.
+    """
+    paths = mesh_files(options.meshes)
+    targets = targets_of(paths, options.output, suffix)
+    summary = options.output / _SUMMARY
+    check_free([*targets.values(), *also, summary], force=options.force)
+    model = read_model(options.model)
+    doing = work(last_step(model))
+    rows = [
+        _written(answer, path, targets[path], doing)
+        for path, answer in _answers(model, paths, doing, options)
+    ]
+    if doing.finish is not None and not all(row.note for row in rows):
+        doing.finish()
+    rows.sort(key=lambda row: (not row.note, *(-doubt for doubt in row.doubt)))
+    header = ("shape", *doing.columns)
+    write_table(summary, (*header, "note"), [(row.name, *row.cells, row.note) for row in rows])
+    failed = [row for row in rows if row.note]
+    print(show_table(header, [(row.name, *row.cells) for row in rows]))
+    print(f"{doing.units} The most doubtful come first.")
+    for row in failed:
+        print(f"Not used: {row.name}: {row.note}")
+    print(f"Written to {options.output}: {len(rows) - len(failed)} of {len(rows)}, and {summary}.")
+    return 1 if failed else 0
+
+
+def _answers(
+    model: Any, paths: Sequence[Path], work: Work, options: argparse.Namespace
+) -> Iterator[tuple[Path, Any]]:
+    """Yield each file with what the model says of it, or with a skipped shape."""
+    _set(model, "n_jobs", options.jobs)
+    _set(model, "on_invalid", "skip")
+    n_paths, n_jobs = len(paths), effective_n_jobs(options.jobs)
+    for first in range(0, n_paths, n_jobs):
+        batch = paths[first : first + n_jobs]
+        with warnings.catch_warnings():
+            for told in (SkippedShapeWarning, UnfamiliarShapeWarning):  # by the summary
+                warnings.simplefilter("ignore", told)
+            learner, shapes = learner_and_shapes(model, [str(path) for path in batch])
+            usable = [shape for shape in shapes if not isinstance(shape, SkippedShape)]
+            answers = iter(_asked(work, learner, usable) if usable else ())
+        for i, (path, shape) in enumerate(zip(batch, shapes, strict=True), start=first + 1):
+            if not options.quiet:
+                tell(f"[{i} of {n_paths}] {path.name}")
+            yield path, shape if isinstance(shape, SkippedShape) else next(answers)
+
+
+def _asked(work: Work, learner: Any, shapes: Sequence[Any]) -> list[Any]:
+    """Return the answers, with a skipped shape where there is none."""
+    try:
+        return list(work.answer(learner, shapes))
+    except (ValueError, RuntimeError) as error:
+        if len(shapes) == 1:
+            return [SkippedShape(shapes[0].name, str(error))]
+        return [answer for shape in shapes for answer in _asked(work, learner, [shape])]
+
+
+def _written(answer: Any, path: Path, target: Path, work: Work) -> _Row:
+    """Write what the model says of a shape, and return its row of the summary."""
+    note = answer.reason if isinstance(answer, SkippedShape) else ""
+    if not note:
+        try:
+            return _Row(path.stem, *work.write(answer, target), "")
+        except ValueError as error:
+            note = str(error)
+    blank = (None,) * len(work.columns)
+    return _Row(path.stem, blank, (), " ".join(note.split()))
+
+
+def _set(model: Any, parameter: str, value: object) -> None:
+    """Set a parameter of every step that has it."""
+    names = [name for name in model.get_params() if name.split("__")[-1] == parameter]
+    model.set_params(**dict.fromkeys(names, value))

@@ -1,0 +1,106 @@
+"""What the verbs write: files that are named after the input, and tables."""
+
+import argparse
+import csv
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+
+import numpy as np
+
+__all__ = ["add_output", "check_free", "show_table", "targets_of", "write_table"]
+
+
+def add_output(parser: argparse.ArgumentParser, default: str, what: str) -> None:
+    """Add where results go, and what may be written over."""
+    parser.add_argument(
+        "-o",
+        "--output",
+        type=Path,
+        default=Path(default),
+        help=f"{what} (default: %(default)s)",
+    )
+    parser.add_argument(
+        "--force", action="store_true", help="write over files that are there already"
+    )
+
+
+def targets_of(paths: Sequence[Path], folder: Path, suffix: str) -> dict[Path, Path]:
+    """Return the file in ``folder`` for each input, named after it.
+
+    Raises
+    ------
+    ValueError
+        If two inputs would be written to one file, or one to itself.
+    """
+    targets = {path: folder / f"{path.stem}{suffix}" for path in paths}
+    sources: dict[str, Path] = {}
+    for path in paths:
+        if targets[path].exists() and targets[path].samefile(path):
+            raise ValueError(f"{path} would be written over by its result; give another -o.")
+        other = sources.setdefault(str(targets[path]).casefold(), path)  # as some systems compare
+        if other is not path:
+            raise ValueError(
+                f"{other} and {path} would both be written to {targets[path]}; give them one after "
+                "the other, each with an -o of its own."
+            )
+    return targets
+
+
+def check_free(paths: Iterable[Path], *, force: bool) -> None:
+    """Make the folders of results; raise where a result would replace a file, before any work.
+
+    Raises
+    ------
+    FileExistsError
+        If a file is there and ``force`` is not set.
+    ValueError
+        If a folder cannot be made, or a result stands twice.
+    """
+    paths = list(paths)
+    for path in paths:
+        if paths.count(path) > 1:
+            raise ValueError(f"Two results would be written to {path}; rename one.")
+        if path.is_dir():
+            raise ValueError(f"{path} is a folder, and a file is to be written; give another -o.")
+    there = [path for path in paths if path.exists()]
+    if there and not force:
+        more = f" and {len(there) - 1} more are" if len(there) > 1 else " is"
+        raise FileExistsError(
+            f"{there[0]}{more} there already; give --force to write over, or another -o."
+        )
+    for folder in {path.parent for path in paths}:
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            raise ValueError(f"-o {folder} cannot hold the results: {error.strerror}.") from error
+
+
+def write_table(path: Path, header: Sequence[str], rows: Iterable[Sequence[object]]) -> None:
+    """Write a table as CSV in UTF-8; what is unknown (None, NaN) stays blank."""
+    with path.open("w", encoding="utf-8", newline="") as file:
+        writer = csv.writer(file, lineterminator="\n")
+        writer.writerow(header)
+        writer.writerows([_cell(value, 8) for value in row] for row in rows)
+
+
+def show_table(header: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
+    """Return a table to print, its first column flush left and the others flush right."""
+    cells = [[str(name) for name in header], *([_cell(value, 3) for value in row] for row in rows)]
+    widths = [max(len(row[j]) for row in cells) for j in range(len(header))]
+    return "\n".join(
+        "  ".join(
+            cell.rjust(width) if j else cell.ljust(width)
+            for j, (cell, width) in enumerate(zip(row, widths, strict=True))
+        ).rstrip()
+        for row in cells
+    )
+
+
+def _cell(value: object, n_digits: int) -> str:
+    if value is None:
+        return ""
+    if isinstance(value, (bool, np.bool_)):
+        return "yes" if value else "no"
+    if isinstance(value, (float, np.floating)):
+        return "" if np.isnan(value) else f"{value:.{n_digits}g}"
+    return str(value)

@@ -1,0 +1,280 @@
+"""``train``: a model from a folder of meshes, and how far it is off on shapes left out."""
+
+import argparse
+import copy
+import shlex
+import warnings
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from sklearn.base import clone
+from sklearn.pipeline import Pipeline, make_pipeline
+from sklearn.utils import Bunch
+
+from skfmap._tools.parallel import tell
+from skfmap._tools.validation import check_number
+from skfmap.basis import ON_INVALID, SpectralBasis
+from skfmap.commands.inputs import check_model_path, write_model
+from skfmap.commands.match import mean_error
+from skfmap.commands.outputs import add_output, check_free, show_table, write_table
+from skfmap.datasets import load_collection
+from skfmap.descriptors import DescriptorTransformer
+from skfmap.exceptions import (
+    CoverageWarning,
+    DisagreementWarning,
+    MeshError,
+    OrientationWarning,
+    SkippedShapeWarning,
+)
+from skfmap.learner import WeightedFunctionalMapLearner
+from skfmap.shapes import Mesh, SkippedShape
+
+__all__ = ["DESCRIPTION", "HELP", "add_arguments", "run"]
+
+HELP = "learn from a folder of meshes, and write a model"
+DESCRIPTION = (
+    "Learn from a folder of meshes with landmarks or other correspondences beside them, write a "
+    "model, and say how far it is off on shapes left out: landmarks in the units of the meshes, "
+    "other matches in percent. A page beside the model shows the worst."
+)
+_REFINEMENTS = ("auto", "register", "bijective-zoomout", "zoomout", "icp", "none")
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the options of the verb."""
+    learner = WeightedFunctionalMapLearner()
+    parser.add_argument("folder", type=Path, help="meshes, and the files that belong to them")
+    add_output(parser, "model.skops", "the model; .joblib for joblib's format")
+    parser.add_argument(
+        "--pattern", default="*", help="which meshes of the folder, by name (default: all)"
+    )
+    parser.add_argument(
+        "--reference", help="name of the reference (default: the first in natural order)"
+    )
+    parser.add_argument(
+        "--functions",
+        type=int,
+        help=f"eigenfunctions that are matched (default: {learner.n_functions}, fewer for small "
+        "meshes)",
+    )
+    parser.add_argument(
+        "--refine",
+        choices=_REFINEMENTS,
+        default="auto",
+        help="how matches are refined; auto registers where there are landmarks, and else does "
+        f"what {learner.refine} does (default: auto)",
+    )
+    parser.add_argument(
+        "--laplacian",
+        choices=["cotangent", "robust"],
+        default="cotangent",
+        help="robust is for meshes of bad triangles (default: cotangent)",
+    )
+    parser.add_argument(
+        "--mirrored",
+        choices=["warn", "reflect"],
+        default="warn",
+        help="what to do with mirrored specimens, as right bones among left ones: warn (default), "
+        "or reflect them",
+    )
+    parser.add_argument(
+        "--on-invalid",
+        choices=ON_INVALID,
+        default="skip",
+        help="what to do with broken meshes: mend them and leave out where nothing helps "
+        "(skip, the default), mend them and stop where nothing helps, or stop (raise)",
+    )
+    parser.add_argument(
+        "--max-vertices",
+        type=int,
+        default=SpectralBasis().max_vertices,
+        help="larger meshes are thinned to so many vertices to compute on (default: %(default)s)",
+    )
+    parser.add_argument(
+        "--folds",
+        type=int,
+        help="leave shapes out in so many groups (default: one at a time)",
+    )
+    parser.add_argument(
+        "--no-evaluation", action="store_true", help="do not leave shapes out: only train"
+    )
+    parser.add_argument("--memory", type=Path, help="folder that keeps results between runs")
+    parser.add_argument(
+        "--jobs", type=int, default=-1, help="shapes at a time (default: one per core)"
+    )
+    parser.add_argument("--quiet", action="store_true", help="tell no progress")
+
+
+def run(options: argparse.Namespace) -> int:
+    """Train, evaluate, and return the exit status."""
+    if options.folds is not None:
+        check_number(options.folds, "--folds", low=2, integer=True)
+    page, errors = options.output.with_suffix(".html"), _errors_path(options.output)
+    check_model_path(options.output)
+    evaluated = () if options.no_evaluation else (page, errors)
+    check_free([options.output, *evaluated], force=options.force)
+    _tell(options, f"reading {options.folder}")
+    collection = load_collection(
+        options.folder, options.pattern, options.reference, on_invalid=options.on_invalid
+    )
+    _tell(options, collection.DESCR)
+    steps = _steps(collection, options)
+    shapes = _probed(steps, collection)
+    learner = steps[-1].fit(shapes, collection.correspondences)
+    write_model(_to_save(steps), options.output)
+    lines = []
+    if not options.no_evaluation:
+        lines = _evaluated(learner, shapes, collection, options)
+    left_out = [one for one in shapes if isinstance(one, SkippedShape)]
+    for line in lines:
+        print(line)
+    for one in left_out:
+        print(f"Left out: {one.name}: {one.reason}")
+    n_used = len(shapes) - len(left_out)
+    print(f"Model trained on {n_used} of {len(shapes)} shapes: {options.output}. To use it:")
+    verb = "landmarks" if _has_landmarks(collection) else "match"
+    print(f"    {options.program} {verb} {shlex.quote(str(options.output))} NEW.ply -o out")
+    return 1 if left_out else 0
+
+
+def _has_landmarks(collection: Bunch) -> bool:
+    return any(marks is not None for marks in collection.landmarks)
+
+
+def _steps(collection: Bunch, options: argparse.Namespace) -> tuple[Any, Any, Any]:
+    """Return basis, probes and learner, unfitted."""
+    n_functions, n_components = _sizes(collection, options)
+    shared = {"memory": options.memory, "n_jobs": options.jobs}
+    skips = "skip" if options.on_invalid == "skip" else "raise"
+    basis = SpectralBasis(
+        n_components,
+        laplacian=options.laplacian,
+        max_vertices=options.max_vertices,
+        on_invalid=options.on_invalid,
+        **shared,
+    )
+    probes = DescriptorTransformer(on_invalid=skips, **shared)
+    learner = WeightedFunctionalMapLearner(
+        n_functions=n_functions,
+        on_invalid=skips,
+        on_mirrored=options.mirrored,
+        verbose=0 if options.quiet else 1,
+        **shared,
+    )
+    return basis, probes, learner.set_params(**_refinement(collection, options))
+
+
+def _sizes(collection: Bunch, options: argparse.Namespace) -> tuple[int, int]:
+    """Return how many functions are matched and how many are computed: less for small meshes."""
+    sizes = [mesh.n_vertices for mesh in collection.meshes if isinstance(mesh, Mesh)]
+    most = min(sizes[0], options.max_vertices) - 1
+    if options.functions is not None:
+        check_number(options.functions, "--functions", low=2, high=most, integer=True)
+    wanted = options.functions or WeightedFunctionalMapLearner().n_functions
+    n_functions = min(wanted, most)
+    usual = max(SpectralBasis().n_components, n_functions)
+    # A mesh that is too small for what is matched is left out; it must not set the size of all.
+    return n_functions, max(n_functions, min(usual, min(sizes) - 1, most))
+
+
+def _refinement(collection: Bunch, options: argparse.Namespace) -> dict[str, str | None]:
+    if options.refine == "auto":
+        return {"refine": "register"} if _has_landmarks(collection) else {}
+    return {"refine": None if options.refine == "none" else options.refine}
+
+
+def _probed(steps: tuple[Any, Any, Any], collection: Bunch) -> list[Any]:
+    """Return the shapes as the learner takes them."""
+    basis, probes, _ = steps
+    shapes = list(probes.transform(basis.transform(collection.meshes)))
+    if isinstance(shapes[0], SkippedShape):
+        raise MeshError(
+            f"The reference, {collection.names[0]}, cannot be used: {shapes[0].reason} Choose "
+            "another by --reference."
+        )
+    return shapes
+
+
+def _to_save(steps: tuple[Any, Any, Any]) -> Pipeline:
+    """Return the fitted model without what belongs to this machine."""
+    learner = copy.copy(steps[-1])
+    return make_pipeline(
+        *(
+            step.set_params(memory=None, n_jobs=None, verbose=0)
+            for step in (clone(steps[0]), clone(steps[1]), learner)
+        )
+    )
+
+
+def _evaluated(
+    learner: Any, shapes: list[Any], collection: Bunch, options: argparse.Namespace
+) -> list[str]:
+    """Leave shapes out, write page and table beside the model, and return what to print."""
+    n_used = sum(not isinstance(shape, SkippedShape) for shape in shapes)
+    if n_used < 3:
+        return [f"Nothing was left out: that takes three shapes, and {n_used} can be used."]
+    how = {"cv": options.folds or n_used, "verbose": 0 if options.quiet else 1}
+    with warnings.catch_warnings():
+        for told in (CoverageWarning, DisagreementWarning, OrientationWarning, SkippedShapeWarning):
+            warnings.simplefilter("ignore", told)  # once, when all shapes were learned from
+        of = _landmarks if _has_landmarks(collection) else _matches
+        return of(learner, shapes, collection, options, how)
+
+
+def _matches(
+    learner: Any, shapes: list[Any], collection: Bunch, options: argparse.Namespace, how: Any
+) -> list[str]:
+    from skfmap.report import evaluate, write_report  # noqa: PLC0415
+
+    found = evaluate(learner, shapes, collection.correspondences, naive=False, **how)
+    page = write_report(learner, options.output.with_suffix(".html"), evaluation=found)
+    rows = [
+        (match.name, 100 * errors.mean(), 100 * (mean_error(match) or np.nan))
+        for match, errors in zip(found.matches, found.errors, strict=True)
+    ]
+    rows.sort(key=lambda row: -row[1])
+    header = ("shape left out", "error", "expected")
+    write_table(_errors_path(options.output), header, rows)
+    mean = float(np.mean([row[1] for row in rows]))
+    return [
+        "Mean geodesic errors in percent of sqrt(area) of the reference, the worst first:",
+        show_table(header, rows),
+        f"All: {mean:.3g}. Page, to open in a browser: {page}",
+    ]
+
+
+def _landmarks(
+    learner: Any, shapes: list[Any], collection: Bunch, options: argparse.Namespace, how: Any
+) -> list[str]:
+    from skfmap.report import evaluate_landmarks, landmark_table, write_landmarks_page  # noqa: PLC0415
+
+    found = evaluate_landmarks(
+        learner, shapes, collection.correspondences, collection.landmarks, **how
+    )
+    page = write_landmarks_page(found, options.output.with_suffix(".html"))
+    rows = [
+        (marks.name, name, *values)
+        for marks, *columns in zip(
+            found.true, found.errors, found.expected, found.radius, strict=True
+        )
+        for name, *values in zip(found.names, *columns, strict=True)
+    ]
+    header = ("specimen", "landmark", "error", "expected_error", "radius")
+    write_table(_errors_path(options.output), header, rows)
+    return [
+        "Landmarks of specimens left out: distances from those placed by hand, in the units of the "
+        "meshes:",
+        show_table(*landmark_table(found)),
+        f"All: {np.nanmean(found.errors):.3g}. Page, to open in a browser: {page}",
+    ]
+
+
+def _errors_path(model: Path) -> Path:
+    """Return where the errors of shapes left out go, beside the model."""
+    return model.with_name(f"{model.stem}-errors.csv")
+
+
+def _tell(options: argparse.Namespace, message: str) -> None:
+    if not options.quiet:
+        tell(message)

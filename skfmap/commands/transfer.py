@@ -1,0 +1,157 @@
+"""``transfer``: values of the reference's vertices carried over to new shapes."""
+
+import argparse
+import csv
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from skfmap._tools.types import Array
+from skfmap.commands.match import doubt_of, mean_error
+from skfmap.commands.new_shapes import Result, Work, add_common, run_on_new_shapes
+from skfmap.commands.outputs import write_table
+from skfmap.shapes import Match
+
+__all__ = ["DESCRIPTION", "HELP", "add_arguments", "run"]
+
+HELP = "carry values of the reference's vertices over to new shapes"
+DESCRIPTION = (
+    "Carry what the vertices of the reference hold over to new shapes: numbers with decimals are "
+    "interpolated, whole numbers and words are labels and are voted on. Of each shape NAME, the "
+    "file NAME.csv (or .npy) has a line for each vertex; blank, or NaN, where the match is not "
+    "trusted."
+)
+
+
+class _Column(NamedTuple):
+    """What the vertices of the reference hold, and what it is called."""
+
+    name: str
+    values: Any
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the options of the verb."""
+    add_common(parser, "transferred", "folder for the results")
+    parser.add_argument(
+        "--values",
+        type=Path,
+        required=True,
+        help="a line for each vertex of the reference: .npy, .csv (with a head line or without, "
+        "blank where unknown), or .txt with columns between blanks",
+    )
+    parser.add_argument(
+        "--max-error",
+        type=float,
+        help="leave out vertices with a larger expected error, in units of sqrt(area) of the "
+        "reference (0.05, for instance)",
+    )
+    parser.add_argument(
+        "--format", choices=["csv", "npy"], default="csv", help="of the results (default: csv)"
+    )
+
+
+def run(options: argparse.Namespace) -> int:
+    """Transfer, and return the exit status."""
+    if not options.values.is_file():
+        raise FileNotFoundError(f"There is no file of values {options.values}.")
+    suffix = f".{options.format}"
+
+    def work(learner: Any) -> Work:
+        columns = _read_columns(options.values, learner.reference_.spectral.n_given)
+        if options.format == "npy" and len({one.values.dtype.kind == "U" for one in columns}) > 1:
+            raise ValueError(f"{options.values} has numbers and words; use --format csv.")
+
+        def write(match: Match, path: Path) -> Result:
+            carried = [
+                _Column(name, match.transfer(values, max_error=options.max_error))
+                for name, values in columns
+            ]
+            _write_columns(carried, path)
+            blank = np.mean([np.ma.getmaskarray(values) for _, values in carried])
+            return Result((1.0 - float(blank), mean_error(match), match.familiar), doubt_of(match))
+
+        return Work(
+            suffix,
+            ("trusted", "expected error", "familiar"),
+            lambda learner, shapes: learner.match(shapes, interpolate="barycentric"),
+            write,
+            "trusted is the share of values that are not blank; errors are in units of sqrt(area) "
+            "of the reference.",
+        )
+
+    return run_on_new_shapes(options, work, suffix)
+
+
+def _read_columns(path: Path, n_vertices: int) -> list[_Column]:
+    names, columns = (
+        _of_array(path) if path.suffix.lower() == ".npy" else _of_text(path, n_vertices)
+    )
+    if len(columns[0]) != n_vertices:
+        raise ValueError(
+            f"{path} holds values for {len(columns[0])} vertices, but the reference has "
+            f"{n_vertices}."
+        )
+    return [_Column(*one) for one in zip(names, columns, strict=True)]
+
+
+def _of_array(path: Path) -> tuple[list[str], list[Any]]:
+    try:
+        data = np.load(path, allow_pickle=False)
+    except (ValueError, EOFError) as error:
+        raise ValueError(f"{path} cannot be read as an array: {error}") from error
+    if data.ndim not in (1, 2) or data.size == 0:
+        raise ValueError(f"{path} must hold one row for each vertex; got shape {data.shape}.")
+    columns = [data] if data.ndim == 1 else list(data.T)
+    return _usual_names(len(columns)), columns
+
+
+def _of_text(path: Path, n_vertices: int) -> tuple[list[str], list[Any]]:
+    """Return names and columns of a table; a line more than there are vertices is its head."""
+    with path.open(encoding="utf-8-sig", newline="") as file:
+        between_blanks = path.suffix.lower() != ".csv"
+        rows = [line.split() for line in file] if between_blanks else list(csv.reader(file))
+    while rows and not rows[-1]:
+        rows.pop()
+    widths = {len(row) for row in rows}
+    if len(widths) != 1:
+        raise ValueError(
+            f"{path} must have a line for each of the {n_vertices} vertices of the reference, all "
+            "with as many columns."
+        )
+    head = rows.pop(0) if len(rows) == n_vertices + 1 else _usual_names(widths.pop())
+    return head, [_typed(np.array(column, dtype=str)) for column in zip(*rows, strict=True)]
+
+
+def _usual_names(n_columns: int) -> list[str]:
+    return ["value"] if n_columns == 1 else [f"value{j}" for j in range(n_columns)]
+
+
+def _typed(text: Array) -> Any:
+    """Return whole numbers, numbers or words, whatever all known entries are; others masked."""
+    unknown = np.char.strip(text) == ""
+    for kind in (np.int64, np.float64):
+        try:
+            values = np.where(unknown, "0", text).astype(kind)
+        except ValueError:
+            continue
+        return np.ma.MaskedArray(np.nan_to_num(values), unknown | np.isnan(values))
+    return np.ma.MaskedArray(text, unknown)
+
+
+def _write_columns(columns: list[_Column], path: Path) -> None:
+    if path.suffix == ".npy":
+        filled = [_filled(values) for _, values in columns]
+        np.save(path, filled[0] if len(filled) == 1 else np.stack(filled, axis=1))
+        return
+    lists = [values.tolist() for _, values in columns]  # None where masked
+    header = ("vertex", *(name for name, _ in columns))
+    write_table(path, header, zip(range(len(lists[0])), *lists, strict=True))
+
+
+def _filled(values: Any) -> Any:
+    """Return numbers with NaN, or words with blanks, where they are masked."""
+    if values.dtype.kind in "biuf":
+        return values.astype(np.float64).filled(np.nan)
+    return values.filled("")

@@ -1,0 +1,125 @@
+"""What answers on specimens that were left out say of answers to come."""
+
+import numpy as np
+
+from skfmap._tools.types import FloatArray
+
+__all__ = ["least_calibrating", "pooled_quantile", "shrunk_mean", "shrunk_scales"]
+
+# How many specimens the mean over all landmarks counts for, beside those that have a landmark.
+_PRIOR = 4.0
+
+
+def shrunk_mean(residuals: FloatArray) -> FloatArray:
+    """Return the mean of vectors, less the share of its square that is noise (James, Stein 1961).
+
+    Parameters
+    ----------
+    residuals : ndarray of shape (n_specimens, n_landmarks, d)
+        NaN where a specimen lacks a landmark.
+
+    Returns
+    -------
+    ndarray of shape (n_landmarks, d)
+        Zero where fewer than two specimens tell, or the noise is all there is.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from skfmap.functional.left_out import shrunk_mean
+    >>> shrunk_mean(np.array([[[1.0, 0]], [[1, 0]]])).tolist()
+    [[1.0, 0.0]]
+    >>> shrunk_mean(np.array([[[3.0, 0]], [[-1, 0]]])).tolist()
+    [[0.0, 0.0]]
+    """
+    known = np.asarray(np.isfinite(residuals).all(axis=2))
+    n = known.sum(axis=0)
+    given = np.where(known[:, :, None], residuals, 0.0)
+    mean = given.sum(axis=0) / np.maximum(n, 1)[:, None]
+    off = np.where(known[:, :, None], residuals - mean, 0.0)
+    noise = np.square(off).sum(axis=(0, 2)) / np.maximum(n - 1, 1) / np.maximum(n, 1)
+    squared = np.square(mean).sum(axis=1)
+    left = np.where(n >= 2, np.maximum(squared - noise, 0.0), 0.0) / np.maximum(squared, 1e-300)
+    return np.asarray(mean * left[:, None])
+
+
+def shrunk_scales(distances: FloatArray) -> FloatArray:
+    """Return the mean distance of each landmark, drawn towards that of all of them.
+
+    Parameters
+    ----------
+    distances : ndarray of shape (n_specimens, n_landmarks)
+        NaN where a specimen lacks a landmark; not all of them.
+
+    Returns
+    -------
+    ndarray of shape (n_landmarks,)
+        Positive.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from skfmap.functional.left_out import shrunk_scales
+    >>> shrunk_scales(np.array([[1.0, 3.0]] * 4)).tolist()
+    [1.5, 2.5]
+    """
+    known = np.isfinite(distances)
+    overall = float(distances[known].mean())
+    sums = np.where(known, distances, 0.0).sum(axis=0)
+    scales = (sums + _PRIOR * overall) / (known.sum(axis=0) + _PRIOR)
+    return np.asarray(np.maximum(scales, np.finfo(np.float64).tiny))
+
+
+def pooled_quantile(distances: FloatArray, scales: FloatArray, coverage: float) -> float:
+    """Return by how much scales are to be multiplied to hold as many distances as wished.
+
+    Distances over scales are pooled over landmarks, each specimen with the same weight; one more
+    distance than there are, beyond all others, stands for the one to come.
+
+    Parameters
+    ----------
+    distances : ndarray of shape (n_specimens, n_landmarks)
+        NaN where a specimen lacks a landmark.
+    scales : ndarray of shape (n_landmarks,)
+        Positive.
+    coverage : float
+        Between 0 and 1.
+
+    Returns
+    -------
+    float
+        Infinite if there are too few distances.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from skfmap.functional.left_out import pooled_quantile
+    >>> pooled_quantile(np.arange(1.0, 10)[:, None], np.ones(1), 0.9)
+    9.0
+    >>> pooled_quantile(np.arange(1.0, 9)[:, None], np.ones(1), 0.9)
+    inf
+    """
+    scores = distances / scales
+    known = np.isfinite(scores)
+    weights = known / np.maximum(known.sum(axis=1), 1)[:, None]
+    order = np.argsort(scores[known])
+    # The one to come weighs as much as one landmark of one specimen.
+    total = weights.sum() + weights[known].mean() if known.any() else 1.0
+    reached = np.cumsum(weights[known][order]) / total
+    at = int(np.searchsorted(reached, coverage - 1e-12))
+    return float(scores[known][order][at]) if at < len(order) else float("inf")
+
+
+def least_calibrating(coverage: float) -> int:
+    """Return how many specimens it takes at least to promise a coverage.
+
+    That many are exchangeable with the one to come: nine for 0.9, as of ten the largest is the one
+    to come once in ten times.
+
+    Examples
+    --------
+    >>> from skfmap.functional.left_out import least_calibrating
+    >>> least_calibrating(0.9)
+    9
+    """
+    return int(np.ceil(coverage / (1 - coverage) - 1e-9))

@@ -1,0 +1,238 @@
+"""Landmarks in tables: ``.csv``, ``.tsv`` and ``.txt`` with x, y, z and perhaps a name."""
+
+import csv
+import io
+import re
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from skfmap._tools.types import FloatArray
+from skfmap.exceptions import CorrespondenceError
+from skfmap.io.texts import (
+    PointRow,
+    ReadLandmarks,
+    as_number,
+    as_read,
+    cells_of,
+    is_missing,
+    position,
+    read_text,
+    text_of,
+)
+from skfmap.shapes import Landmarks
+
+__all__ = ["csv_of", "is_table_of_points", "read_table"]
+
+# None is any run of blanks. The comma comes late, as it may stand in numbers.
+_SEPARATORS = ("\t", ";", ",", None)
+_WORD = re.compile(r'"((?:[^"]|"")*)"|(\S+)')
+
+# Names of columns, of which the first that is there is taken. Slicer's own tables have r, a, s or
+# l, p, s, and "defined".
+_AXES = (("xyz", None), ("ras", "RAS"), ("lps", "LPS"))
+_NAMES = ("name", "label", "landmark", "landmarks", "point", "id", "")
+_PLACED = "defined"
+_ERRORS = ("expected_error", "radius", "coverage")
+
+
+class _Line(NamedTuple):
+    where: str
+    cells: list[str]
+
+
+class _Columns(NamedTuple):
+    """Where a line has what; ``n`` is the number of columns."""
+
+    at: list[int]
+    name: int | None
+    n: int
+    system: str | None = None
+    placed: int | None = None
+    errors: dict[str, int] = {}  # noqa: RUF012
+
+
+def read_table(path: Path) -> ReadLandmarks:
+    """Read a table with a head that names x, y, z, or of three columns, or of four with a name."""
+    text = list(enumerate(read_text(path), start=1))
+    for separator in _SEPARATORS:
+        lines, columns = _split(path, text, separator)
+        if columns is not None:
+            break
+    else:
+        number, first = next((n, line) for n, line in text if line.strip())
+        raise CorrespondenceError(
+            f"{path}, line {number}: {first.strip()[:60]!r} is neither a head with x, y and z nor "
+            "three coordinates, with or without a name before or behind them. Add a head line: "
+            "name,x,y,z."
+        )
+    rows = _rows(path, lines, columns)
+    read = as_read(path, rows, columns.system)
+    errors = _errors(path, lines, columns)
+    if not errors:
+        return read
+    marks = read.landmarks
+    known: dict[str, Any] = {"name": marks.name, **errors}
+    return read._replace(landmarks=Landmarks(marks.points, marks.names, **known))
+
+
+def is_table_of_points(path: Path) -> bool:
+    """Return whether a ``.txt`` file may hold points: its first lines have three cells or more."""
+    try:
+        text = [line for line in read_text(path) if line.strip() and not _is_comment(line)]
+    except CorrespondenceError:
+        return False
+    return bool(text) and any(len(_cells(text[0], separator)) >= 3 for separator in _SEPARATORS)
+
+
+def _split(
+    path: Path, text: list[tuple[int, str]], separator: str | None
+) -> tuple[list[_Line], _Columns | None]:
+    """Return lines of data and where they have what, None if they are not separated like this."""
+    lines: list[_Line] = []
+    head = None
+    for number, line in text:
+        if not line.strip():
+            continue
+        bare = line.lstrip("# ") if line.startswith("#") else line
+        if not lines and head is None and (head := _head(_cells(bare, separator))):
+            continue
+        if not lines and _is_comment(line):
+            continue
+        lines.append(_Line(f"line {number}", _cells(line, separator)))
+    if head is not None or not lines:
+        return lines, head
+    return lines, _without_head(path, lines)
+
+
+def _is_comment(line: str) -> bool:
+    """Return whether a line before all others is a comment; ``#1`` may be the name of a point."""
+    return line.startswith("#") and not line[1:2].isalnum()
+
+
+def _cells(line: str, separator: str | None) -> list[str]:
+    if separator is None:
+        found = _WORD.finditer(line)
+        return [m[2] if m[1] is None else m[1].replace('""', '"') for m in found]
+    return cells_of(line, separator)
+
+
+def _head(cells: list[str]) -> _Columns | None:
+    """Return what a head line names; None where it names no coordinates."""
+    # "X (mm)" and "pos_x" are x as well.
+    words = [re.sub(r"[\s_]*[(\[].*", "", cell).strip().lower() for cell in cells]
+    words = [re.sub(r"^(pos|coord)[ _.]?(?=[xyz]$)", "", word) for word in words]
+    for axes, system in _AXES:
+        if all(words.count(axis) == 1 for axis in axes):
+            name = next((words.index(word) for word in _NAMES if word in words), None)
+            placed = words.index(_PLACED) if _PLACED in words else None
+            errors = {word: words.index(word) for word in _ERRORS if word in words}
+            at = [words.index(axis) for axis in axes]
+            return _Columns(at, name, len(words), system, placed, errors)
+    return None
+
+
+def _without_head(path: Path, lines: list[_Line]) -> _Columns | None:
+    """Return where lines without a head have what; None where it is not clear from the first."""
+    where, first = lines[0]
+    numeric = [_holds_number(cell) for cell in first]
+    if len(first) == 3 and all(numeric):
+        return _Columns([0, 1, 2], None, 3)
+    if len(first) != 4 or sum(numeric) < 3:
+        return None
+    if not numeric[0]:
+        return _Columns([1, 2, 3], 0, 4)
+    if not numeric[3]:
+        return _Columns([0, 1, 2], 3, 4)
+    if all(line.cells[:1] == [str(i)] for i, line in enumerate(lines, start=1)):
+        return _Columns([1, 2, 3], 0, 4)
+    raise CorrespondenceError(
+        f"{path}, {where}: four numbers, of which any may be the name. Add a head line that says: "
+        "name,x,y,z."
+    )
+
+
+def _holds_number(cell: str) -> bool:
+    return as_number(cell) is not None or as_number(cell.replace(",", ".", 1)) is not None
+
+
+def _rows(path: Path, lines: list[_Line], columns: _Columns) -> list[PointRow]:
+    rows = []
+    for (where, cells), coordinates in _points(path, lines, columns):
+        name = "" if columns.name is None else cells[columns.name]
+        unplaced = columns.placed is not None and cells[columns.placed].lower() in {"0", "false"}
+        at = np.full(3, np.nan) if unplaced else position(path, where, coordinates)
+        rows.append(PointRow(where, name, at))
+    return rows
+
+
+def _points(path: Path, lines: list[_Line], columns: _Columns) -> Iterator[tuple[_Line, list[str]]]:
+    """Yield each line with its three coordinates, commas of numbers made points.
+
+    A file that has both signs in its coordinates is an error: one of them stands for thousands.
+    """
+    with_point = False
+    with_comma = ""
+    for line in lines:
+        if len(line.cells) != columns.n:
+            raise CorrespondenceError(
+                f"{path}, {line.where}: {len(line.cells)} cells, where the first line has "
+                f"{columns.n}. Write a missing coordinate as NA, put names with blanks or "
+                "separators in quotes, and a decimal point for a comma."
+            )
+        coordinates = [line.cells[i] for i in columns.at]
+        with_point |= any("." in cell and not is_missing(cell) for cell in coordinates)
+        with_comma = next((line.where for cell in coordinates if "," in cell), with_comma)
+        if with_point and with_comma:
+            raise CorrespondenceError(
+                f"{path}, {with_comma}: decimal commas, where other numbers have points. Write all "
+                "with points."
+            )
+        yield line, [cell.replace(",", ".", 1) for cell in coordinates]
+
+
+def _errors(path: Path, lines: list[_Line], columns: _Columns) -> dict[str, FloatArray | float]:
+    """Return the expected errors and radii that a table holds, and what the radii cover."""
+    values: dict[str, FloatArray | float] = {}
+    for what, column in columns.errors.items():
+        numbers = []
+        for where, cells in lines:
+            number = as_number(cells[column].replace(",", ".", 1))
+            if number is None:
+                raise CorrespondenceError(
+                    f"{path}, {where}: {cells[column]!r} in column {what} is no number. Leave it "
+                    "blank where it is not known."
+                )
+            numbers.append(number)
+        values[what] = np.array(numbers)
+    if "coverage" in values:
+        known = np.unique(np.asarray(values.pop("coverage")))
+        known = known[np.isfinite(known)]
+        if len(known) > 1:
+            raise CorrespondenceError(
+                f"{path} has several numbers in column coverage; the radii of a shape cover one."
+            )
+        if len(known):
+            values["coverage"] = float(known[0])
+    return values
+
+
+def csv_of(landmarks: Landmarks) -> str:
+    """Return the text of a ``.csv`` file; missing landmarks have blank coordinates."""
+    file = io.StringIO()
+    table = csv.writer(file, lineterminator="\n")
+    more: dict[str, FloatArray | None] = {
+        "expected_error": landmarks.expected_error,
+        "radius": landmarks.radius,
+        "coverage": None
+        if landmarks.coverage is None
+        else np.full(len(landmarks.names), landmarks.coverage),
+    }
+    given = {what: values for what, values in more.items() if values is not None}
+    table.writerow(["name", "x", "y", "z", *given])
+    for i, (name, at) in enumerate(zip(landmarks.names, landmarks.points, strict=True)):
+        numbers = [*at, *(values[i] for values in given.values())]
+        table.writerow([name, *("" if np.isnan(one) else text_of(one) for one in numbers)])
+    return file.getvalue()
