@@ -3,6 +3,7 @@
 from skfmap.io.landmarks import read_landmarks, write_landmarks
 from skfmap.io.meshes import (
     MESH_SUFFIXES,
+    READ_SUFFIXES,
     as_arrays,
     as_far_as_sound,
     as_mesh,
@@ -19,6 +20,7 @@ from skfmap.io.meshes import MeshLike as MeshLike
 
 __all__ = [
     "MESH_SUFFIXES",
+    "READ_SUFFIXES",
     "as_arrays",
     "as_far_as_sound",
     "as_mesh",
