@@ -20,8 +20,10 @@ from skfmap.shapes import Correspondence, JoinedPairs, Mesh, ProbedShape
 
 __all__ = [
     "KnownMap",
+    "areas_of_pairs",
     "check_landmarks",
     "coverage_messages",
+    "distinct_landmarks",
     "ground_truth_maps",
     "join_with_reference",
     "known_maps",
@@ -199,14 +201,24 @@ def warn_of_coverage(known: Sequence[KnownMap], names: Sequence[str], k: int) ->
         warn(message, CoverageWarning)
 
 
+def distinct_landmarks(join: JoinedPairs) -> int:
+    """Return how many distinct landmarks are joined: places on either shape count once."""
+    return min(len(np.unique(part)) for part in (join.vertices_i, join.vertices_0, join.points))
+
+
+def areas_of_pairs(shape: ProbedShape, join: JoinedPairs) -> FloatArray:
+    """Return the area of S_i that each pair stands for, as its vertex is the nearest one."""
+    spectral = shape.spectral
+    vertices_i = spectral.working_vertices(join.vertices_i)
+    return _shares(spectral.mesh, spectral.mass, vertices_i, join.weights)
+
+
 def check_landmarks(shape: ProbedShape, reference: ProbedShape, join: JoinedPairs, k: int) -> int:
     """Return how many distinct landmarks a shape and the reference share.
 
     Fewer than k are an error.
     """
-    n_distinct = min(
-        len(np.unique(part)) for part in (join.vertices_i, join.vertices_0, join.points)
-    )
+    n_distinct = distinct_landmarks(join)
     if n_distinct < k:
         raise CorrespondenceError(
             f"{label(shape.name, 'shape')} and {reference.name!r} share {n_distinct} distinct "
@@ -251,10 +263,7 @@ class _Pairs(NamedTuple):
 
 def _fit_pairs(pairs: _Pairs, content_hash: str) -> KnownMap:  # noqa: ARG001
     k, n_distinct = (int(n) for n in pairs.counts)
-    landmarks, inverse = np.unique(pairs.vertices_i, return_inverse=True)
-    areas = areas_of_landmarks(pairs.mesh.vertices, pairs.mesh.faces, pairs.mass, landmarks)
-    per_vertex = np.bincount(inverse, pairs.weights)
-    share: FloatArray = areas[inverse] * pairs.weights / np.maximum(per_vertex[inverse], 1e-300)
+    share = _shares(pairs.mesh, pairs.mass, pairs.vertices_i, pairs.weights)
     wrong = wrong_pairs(pairs.evecs_i, pairs.evecs_0, share)
     share[wrong] = 0.0
     right = pairs._replace(
@@ -267,6 +276,14 @@ def _fit_pairs(pairs: _Pairs, content_hash: str) -> KnownMap:  # noqa: ARG001
         right, share[~wrong], min(n_distinct, len(np.unique(right.vertices_i)))
     )
     return KnownMap(truth.C, truth.n_observed, share, int(wrong.sum()), truncation)
+
+
+def _shares(mesh: Mesh, mass: FloatArray, vertices_i: IntArray, weights: FloatArray) -> FloatArray:
+    """Return the area that each pair stands for: that of its vertex, shared by weight."""
+    landmarks, inverse = np.unique(vertices_i, return_inverse=True)
+    areas = areas_of_landmarks(mesh.vertices, mesh.faces, mass, landmarks)
+    per_vertex = np.bincount(inverse, weights)
+    return np.asarray(areas[inverse] * weights / np.maximum(per_vertex[inverse], 1e-300))
 
 
 def _truncation(pairs: _Pairs, areas: FloatArray, n_distinct: int) -> FloatArray:

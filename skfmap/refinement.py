@@ -17,7 +17,7 @@ from skfmap._tools.types import FloatArray, IntArray
 from skfmap._tools.validation import check_number
 from skfmap.functional.embedding import spectral_embeddings
 from skfmap.functional.neighbours import nearest_both
-from skfmap.functional.refinement import map_from_point_maps, nearest_orthogonal
+from skfmap.functional.refinement import beyond, map_from_point_maps, nearest_orthogonal
 from skfmap.functional.residuals import trusted_functions
 from skfmap.functional.samples import areas_of_samples, farthest_points
 from skfmap.shapes import ProbedShape, SpectralShape
@@ -35,10 +35,6 @@ __all__ = [
 ]
 
 
-# Share of its way by which each step of `BijectiveZoomOut` goes on beyond the map that was fitted:
-# below 1, up to which the sum that it lowers cannot rise. Errors of cats left out are 0.0180 with
-# 0, 0.0178 with 0.5, 0.7 and 0.9; at 1.5 maps are lost.
-_BEYOND = 0.7
 # Samples for each function, at least: 20 with 30 functions ruin a match, 100 hardly harm it.
 _PER_FUNCTION = 4
 
@@ -310,14 +306,14 @@ class BijectiveZoomOut(Refinement):
         points: tuple[_Points, _Points] = (spectral, spectral_0)
         C, p2p, inverse = None, match.p2p, match.inverse
         for n in sizes:
-            C = _beyond(C, _fit(*points, n, p2p, inverse))
+            C = beyond(C, _fit(*points, n, p2p, inverse))
             functions = trusted_functions(learned.truncation_covariance[:n, :n])
             embedded = spectral_embeddings(few.evecs[:, :n], few_0.evecs[:, :n], C, functions)
             p2p, inverse = nearest_both(*embedded, n_threads=threads_within())
             points = few, few_0
         C = None
         for _ in range(self.final_steps):
-            C = _beyond(C, _fit(*points, n, p2p, inverse))
+            C = beyond(C, _fit(*points, n, p2p, inverse))
             match = rematch_points(match, spectral, spectral_0, C, functions)
             points, p2p, inverse = (spectral, spectral_0), match.p2p, match.inverse
         return match
@@ -385,12 +381,3 @@ def _fit(
     return map_from_point_maps(
         points.evecs[:, :n], points_0.evecs[:, :n], points.mass, points_0.mass, p2p, inverse
     )
-
-
-def _beyond(previous: FloatArray | None, fitted: FloatArray) -> FloatArray:
-    """Return the map as far beyond the fitted one as `_BEYOND` says, where both have entries."""
-    if previous is None:
-        return fitted
-    k, C = len(previous), fitted.copy()
-    C[:k, :k] += _BEYOND * (fitted[:k, :k] - previous)
-    return C

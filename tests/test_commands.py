@@ -19,7 +19,6 @@ from sklearn.pipeline import make_pipeline
 
 import skfmap
 from skfmap import Landmarks, Mesh, SpectralBasis, WeightedFunctionalMapLearner
-from skfmap._tools.unwrap import learner_and_shapes
 from skfmap.commands import main
 from skfmap.commands.dispatch import _format_warning
 from skfmap.io import read_landmarks, read_mesh, write_landmarks, write_mesh
@@ -32,28 +31,6 @@ _QUIET = ["--jobs", "1", "--quiet"]
 
 def run(*arguments):
     return main([str(one) for one in arguments])
-
-
-@pytest.fixture(autouse=True, scope="module")
-def _predicting():
-    """Until it has landed."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(skfmap, "predict_landmarks", _predict, raising=False)
-        yield
-
-
-def _predict(model, X):
-    learner, shapes = learner_and_shapes(model, X)
-    found = []
-    y = learner.reference_correspondence_
-    for shape, match in zip(shapes, learner.match(shapes), strict=True):
-        at = y.pairs
-        at = at[:, 0]
-        at = shape.spectral.mesh.vertices[match.inverse[at]]
-        found.append(
-            Landmarks(at, y.names, name=shape.name, expected_error=np.full(len(at), at[0, 0]))
-        )
-    return found
 
 
 def rows_of(path):

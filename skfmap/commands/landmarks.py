@@ -2,14 +2,14 @@
 
 import argparse
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
-import skfmap
+from skfmap._tools.types import FloatArray
 from skfmap.commands.new_shapes import Result, Work, add_common, run_on_new_shapes
 from skfmap.io import write_landmarks
 from skfmap.landmarks import write_table
+from skfmap.learner import predict_landmarks
 from skfmap.shapes import Landmarks
 
 __all__ = ["DESCRIPTION", "FORMATS", "HELP", "add_arguments", "run"]
@@ -46,29 +46,30 @@ def run(options: argparse.Namespace) -> int:
         placed.append(found)
         return _result(found)
 
-    predict: Any = skfmap.predict_landmarks
     work = Work(
         f".{options.format}",
         ("landmarks", "expected error", "largest", "at", "radius"),
-        predict,
+        predict_landmarks,
         write,
         "Errors are in the units of the meshes, as means over landmarks; the largest is that of "
-        "the landmark named.",
+        "the landmark named. They are blank where a shape is unlike the training specimens.",
         lambda: write_table(placed, together, overwrite=True),
     )
     return run_on_new_shapes(options, lambda _: work, work.suffix, also=[together])
 
 
 def _result(found: Landmarks) -> Result:
-    mean, largest, at = _errors(found.expected_error, found.names)
-    radius = None if found.radius is None else float(np.nanmean(found.radius))
     n_placed = f"{int(found.placed.sum())} of {len(found.names)}"
-    return Result((n_placed, mean, largest, at, radius), (mean or 0.0, largest or 0.0))
+    mean, radius = (_mean(one) for one in (found.expected_error, found.radius))
+    if found.expected_error is None or mean is None:
+        return Result((n_placed, None, None, None, radius), (np.inf,))
+    worst = int(np.nanargmax(found.expected_error))
+    largest = float(found.expected_error[worst])
+    return Result((n_placed, mean, largest, found.names[worst], radius), (mean,))
 
 
-def _errors(expected: Any, names: tuple[str, ...]) -> tuple[float | None, float | None, str | None]:
-    """Return mean and largest error to expect, and of which landmark the largest is."""
-    if expected is None or np.isnan(expected).all():
-        return None, None, None
-    worst = int(np.nanargmax(expected))
-    return float(np.nanmean(expected)), float(expected[worst]), names[worst]
+def _mean(values: FloatArray | None) -> float | None:
+    """Return the mean of what is known; None where nothing is."""
+    if values is None or np.isnan(values).all():
+        return None
+    return float(np.nanmean(values))

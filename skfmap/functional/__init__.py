@@ -6,6 +6,7 @@ They need numpy and scipy only.
 from skfmap.functional.eigenbasis import laplacian_eigenbasis
 from skfmap.functional.embedding import spectral_embeddings
 from skfmap.functional.fmap import MapEquation, solve_functional_map
+from skfmap.functional.from_landmarks import heat_around, map_from_landmarks
 from skfmap.functional.ground_truth import GroundTruth, map_from_pairs
 from skfmap.functional.learning import LearnedMaps, learn_functional_maps
 from skfmap.functional.neighbours import nearest, nearest_both
@@ -26,7 +27,11 @@ from skfmap.functional.regularization import (
     penalty_quadratic,
     resolvent_mask,
 )
-from skfmap.functional.residuals import residual_covariance, trusted_functions
+from skfmap.functional.residuals import (
+    calibrated_covariance,
+    residual_covariance,
+    trusted_functions,
+)
 from skfmap.functional.row_systems import RowSystems, SharedRowSystems
 from skfmap.functional.samples import areas_of_samples, farthest_points
 from skfmap.functional.signatures import heat_kernel_signature, wave_kernel_signature
@@ -47,14 +52,17 @@ __all__ = [
     "SharedRowSystems",
     "areas_of_samples",
     "basis_error",
+    "calibrated_covariance",
     "diffuse",
     "epsilon_by_rule",
     "farthest_points",
+    "heat_around",
     "heat_kernel_signature",
     "laplacian_eigenbasis",
     "laplacian_mask",
     "learn_functional_maps",
     "learned_mask",
+    "map_from_landmarks",
     "map_from_pairs",
     "map_from_point_maps",
     "missed_by_maps",

@@ -10,7 +10,7 @@ import numpy as np
 
 from skfmap._tools.types import FloatArray
 
-__all__ = ["residual_covariance", "trusted_functions"]
+__all__ = ["calibrated_covariance", "residual_covariance", "trusted_functions"]
 
 # Added to the eigenvalues of a covariance, as a share of their mean: no function is trusted
 # without limit. Errors of TOSCA's cats left out, times 100, matched and refined (bijective
@@ -65,6 +65,45 @@ def residual_covariance(
         residuals = residuals / (1 - np.minimum(leverage, _MOST_LEVERAGE))[:, None]
     covariance = (areas[:, None] * residuals).T @ residuals / areas.sum()
     return np.asarray((covariance + covariance.T) / 2)
+
+
+def calibrated_covariance(covariance: FloatArray, residuals: FloatArray) -> FloatArray:
+    """Return a covariance whose variances are those of a few residuals that can be relied on.
+
+    What built maps show of themselves is too good, in some functions more than in others: they go
+    where functions agree. What they miss at landmarks that were left out of the building is true,
+    but few points do not tell how functions err together. So the correlations are those of the
+    covariance, the variances those of the residuals, and the residuals' own covariance counts half.
+
+    Parameters
+    ----------
+    covariance : ndarray of shape (k, k)
+        From `residual_covariance`.
+    residuals : ndarray of shape (n, k)
+        At landmarks left out.
+
+    Returns
+    -------
+    ndarray of shape (k, k)
+        Symmetric, positive semi-definite.
+
+    Notes
+    -----
+    Refined errors of four of TOSCA's cats, left out, where known maps are built from 13 landmarks:
+    0.0219, and 0.0216 from all pairs. With the first covariance alone 0.0232, with that of the
+    residuals 0.0258, with their plain mean 0.0230, with correlations and variances alone 0.0222.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from skfmap.functional import calibrated_covariance
+    >>> calibrated_covariance(np.eye(2), np.array([[1.0, 2.0], [1.0, -2.0]])).tolist()
+    [[1.0, 0.0], [0.0, 4.0]]
+    """
+    observed = residuals.T @ residuals / len(residuals)
+    variances, own = np.diag(observed), np.diag(covariance)
+    scales = np.sqrt(variances / np.where(own > 0, own, np.inf))
+    return np.asarray((scales[:, None] * covariance * scales + observed) / 2)
 
 
 def trusted_functions(covariance: FloatArray) -> FloatArray:

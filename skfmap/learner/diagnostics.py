@@ -190,7 +190,7 @@ def _coverage(training: TrainingSet) -> list[Finding]:
     names = [training.describe(i) for i in range(len(training.shapes))]
     return [
         Finding(CoverageWarning, message)
-        for message in coverage_messages(training.known, names, training.k)
+        for message in [*coverage_messages(training.known, names, training.k), *training.told]
     ]
 
 

@@ -23,6 +23,7 @@ from skfmap.functional.learning import LearnedMaps
 from skfmap.functional.regularization import Regularizer
 from skfmap.functional.stable_basis import missed_by_maps
 from skfmap.ground_truth import join_with_reference, known_maps, warn_of_coverage
+from skfmap.known_maps import KnownMaps, KnownMapsRecord
 from skfmap.learner.confidence import Confidence
 from skfmap.learner.diagnostics import (
     Finding,
@@ -48,6 +49,7 @@ from skfmap.learner.parameters import (
     check_parameters,
     confidence_of,
     count_stable,
+    known_maps_of,
     learning_options,
     refinement_of,
 )
@@ -120,6 +122,12 @@ class WeightedFunctionalMapLearner(CallbackSupportMixin, Versioned, BaseEstimato
         searches that only compare scores. Matches have no ``expected_error`` and ``confidence``
         (None) then, and nothing warns of contradicting correspondences. Of unfamiliar shapes
         nothing warns but ``refine="register"``; without that ``familiar`` is None.
+    known_maps : {"auto", "pairs", "from-landmarks"}, KnownMaps or None, default="auto"
+        Where the known maps of training shapes come from. ``"pairs"``, or None: from the pairs as
+        they are given, of which there must be at least ``n_functions``. ``"from-landmarks"``: for
+        shapes that share fewer than twice as many with the reference, but 8 landmarks or more,
+        dense maps are built (`skfmap.known_maps.FromLandmarks`). ``"auto"`` decides by what is
+        given, and says what it did in ``known_maps_``.
     reference : str, default="first"
         ``"first"``: the first training shape. ``"medoid"``: the training shape whose geodesic
         distances differ least from all others'. Else the name of a training shape.
@@ -184,6 +192,9 @@ class WeightedFunctionalMapLearner(CallbackSupportMixin, Versioned, BaseEstimato
         What matching a new shape needs, from which the above is read.
     refine_, confidence_ : Refinement or None, Confidence or None
         The fitted parts.
+    known_maps_ : KnownMapsRecord
+        How the known maps came about: kind, landmarks and pairs of each training shape, and how far
+        from its place each landmark is put by the map that is built without it.
     landmarks_ : LandmarkModel or None
         Where measured points of the training shapes are, for `predict_landmarks`; None if the
         reference has none.
@@ -222,11 +233,13 @@ class WeightedFunctionalMapLearner(CallbackSupportMixin, Versioned, BaseEstimato
 
     # Of models that were saved before this was a parameter.
     on_mirrored: str = "warn"
+    known_maps: str | KnownMaps | None = "auto"
 
     matcher_: Matcher
     confidence_: Confidence | None
     landmarks_: LandmarkModel | None
     record_: FitRecord
+    known_maps_: KnownMapsRecord
     weights_: FloatArray = fitted_attribute("matcher_.weights")
     stable_basis_: FloatArray = fitted_attribute("matcher_.stable_basis")
     residual_covariance_: FloatArray = fitted_attribute("matcher_.residual_covariance")
@@ -262,6 +275,7 @@ class WeightedFunctionalMapLearner(CallbackSupportMixin, Versioned, BaseEstimato
         matching: str = "soft",
         refine: str | Refinement | None = "bijective-zoomout",
         confidence: str | Confidence | None = "cross-fit",
+        known_maps: str | KnownMaps | None = "auto",
         reference: str = "first",
         on_invalid: str = "raise",
         on_mirrored: str = "warn",
@@ -281,6 +295,7 @@ class WeightedFunctionalMapLearner(CallbackSupportMixin, Versioned, BaseEstimato
         self.matching = matching
         self.refine = refine
         self.confidence = confidence
+        self.known_maps = known_maps
         self.reference = reference
         self.on_invalid = on_invalid
         self.on_mirrored = on_mirrored
@@ -343,6 +358,7 @@ class WeightedFunctionalMapLearner(CallbackSupportMixin, Versioned, BaseEstimato
         check_parameters(self)
         training = self._training_set(X, y, sample_weight)
         self._tell(f"reference: {label(training.reference.name, 'shape')}")
+        self._tell(str(training.how))
         task = FitTask(self, X, y, sample_weight, self.max_iter)
         fitted, findings = self._fitted(training, task)
         report(findings)
@@ -745,6 +761,7 @@ class WeightedFunctionalMapLearner(CallbackSupportMixin, Versioned, BaseEstimato
             on_invalid=self.on_invalid,
             on_mirrored=self.on_mirrored,
             options=learning_options(self),
+            build=known_maps_of(self.known_maps),
             memory=self.memory,
             n_jobs=self.n_jobs,
         )
@@ -773,6 +790,7 @@ class WeightedFunctionalMapLearner(CallbackSupportMixin, Versioned, BaseEstimato
                 matcher, refinement=fit_part(refinement_of(self.refine), training, matcher)
             ),
             "record_": training.record(learned),
+            "known_maps_": training.how,
             "confidence_": None,
             "landmarks_": None,
         }

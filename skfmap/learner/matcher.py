@@ -106,16 +106,14 @@ class Matcher:
             What matches new shapes.
         """
         rows = training.used
-        size = min(len(training.known[i].truncation) for i in rows)
         residuals = [_residuals(training, i, learned.maps[i]) for i in rows]
-        truncations = [training.known[i].truncation[:size, :size] for i in rows]
         options, share = training.options, training.share[rows]
         return cls(
             reference=training.reference,
             weights=learned.weights,
             stable_basis=learned.stable_basis,
             residual_covariance=np.average(residuals, axis=0, weights=share),
-            truncation_covariance=np.average(truncations, axis=0, weights=share),
+            truncation_covariance=training.truncation(),
             settings=Settings(
                 options.alpha, options.normalize, learned.regularizer, matching, n_stable
             ),
@@ -219,7 +217,7 @@ def embedding_distance(shape: ProbedShape, match: PointMatch) -> float:
 
 def _residuals(training: TrainingSet, i: IntArray, C: FloatArray) -> FloatArray:
     """Return the covariance of what a learned map misses at the known pairs of a training shape."""
-    k, join = training.k, training.joins[i]
+    k, (join, areas, _) = training.k, training.observed[i]
     evecs_i = training.shapes[i].spectral.evecs_at(join.vertices_i, k, join.places_i)
     evecs_0 = training.reference.spectral.evecs_at(join.vertices_0, k, join.places_0)
-    return residual_covariance(evecs_i, evecs_0, training.known[i].areas, C)
+    return residual_covariance(evecs_i, evecs_0, areas, C)

@@ -9,6 +9,7 @@ from skfmap._tools.part import Part
 from skfmap._tools.validation import check_choice, check_number
 from skfmap.functional.regularization import LEARNED, REGULARIZERS, Regularizer
 from skfmap.functional.weighting import WEIGHTINGS
+from skfmap.known_maps import KNOWN_MAPS, KnownMaps
 from skfmap.learner.confidence import Confidence, CrossFitConfidence
 from skfmap.learner.matcher import MATCHINGS, Matcher
 from skfmap.learner.parts import make_part, same_part
@@ -23,13 +24,18 @@ __all__ = [
     "check_parameters",
     "confidence_of",
     "count_stable",
+    "known_maps_of",
     "learning_options",
     "refinement_of",
 ]
 
 _REFINEMENTS: dict[str, type[Refinement]] = {**REFINEMENTS, "register": Registration}
 _CONFIDENCES: dict[str, type[Confidence]] = {"cross-fit": CrossFitConfidence}
-WORDS: dict[str, dict[str, type[Any]]] = {"refine": _REFINEMENTS, "confidence": _CONFIDENCES}
+WORDS: dict[str, dict[str, type[Any]]] = {
+    "refine": _REFINEMENTS,
+    "confidence": _CONFIDENCES,
+    "known_maps": KNOWN_MAPS,
+}
 """What the words of parameters that take a part stand for."""
 
 
@@ -46,6 +52,7 @@ class Parameters(Protocol):
     matching: str
     refine: str | Refinement | None
     confidence: str | Confidence | None
+    known_maps: str | KnownMaps | None
     reference: str
     on_invalid: str
     on_mirrored: str
@@ -69,6 +76,7 @@ def check_parameters(given: Parameters) -> None:
     check_choice(given.matching, "matching", MATCHINGS)
     refinement_of(given.refine)
     confidence_of(given.confidence)
+    known_maps_of(given.known_maps)
     check_choice(given.on_invalid, "on_invalid", ("raise", "skip"))
     check_choice(given.on_mirrored, "on_mirrored", ("warn", "reflect"))
     if not isinstance(given.reference, str):
@@ -94,6 +102,11 @@ def refinement_of(refine: str | Refinement | None) -> Refinement | None:
 def confidence_of(confidence: str | Confidence | None) -> Confidence | None:
     """Return the part that ``confidence`` stands for, unfitted."""
     return make_part(confidence, "confidence", _CONFIDENCES, Confidence)
+
+
+def known_maps_of(known_maps: str | KnownMaps | None) -> KnownMaps | None:
+    """Return the part that ``known_maps`` stands for; None is pairs as they are given."""
+    return make_part(known_maps, "known_maps", KNOWN_MAPS, KnownMaps)
 
 
 def count_stable(n_stable: float | str | None, k: int) -> int:

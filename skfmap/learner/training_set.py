@@ -1,7 +1,7 @@
 """What there is to learn from: the reference, the other training shapes, and their known maps."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any, NamedTuple, Self, TypeAlias
 
 import numpy as np
@@ -12,16 +12,26 @@ from skfmap._tools.validation import check_sample_weight
 from skfmap.exceptions import CorrespondenceError, MeshError
 from skfmap.functional.learning import LearnedMaps, learn_functional_maps
 from skfmap.functional.regularization import Regularizer
+from skfmap.functional.residuals import calibrated_covariance
 from skfmap.functional.similarity import MIRROR
-from skfmap.ground_truth import KnownMap, check_landmarks, join_with_reference, known_maps
+from skfmap.ground_truth import KnownMap, areas_of_pairs, join_with_reference, known_maps
 from skfmap.io import open_given
+from skfmap.known_maps import (
+    BuiltMap,
+    GivenPairs,
+    KnownMaps,
+    KnownMapsRecord,
+    PairsAsGiven,
+    record_of,
+    told_of,
+)
 from skfmap.learner.inputs import check_correspondences, check_shapes
 from skfmap.learner.medoid import medoid_index
 from skfmap.learner.mirrored import is_mirror_image, mirror_image
 from skfmap.shapes import Correspondence, JoinedPairs, ProbedShape, SkippedShape
 from skfmap.shapes.usable import Answer, ProbedItem, describe, skipped_message
 
-__all__ = ["FitRecord", "LearningOptions", "TrainingSet"]
+__all__ = ["FitRecord", "LearningOptions", "Observed", "TrainingSet"]
 
 Weighting: TypeAlias = str | Sequence[Any] | Callable[..., Any] | None
 
@@ -73,6 +83,23 @@ class FitRecord(NamedTuple):
         return self.loss_curve[-1]
 
 
+class Observed(NamedTuple):
+    """Pairs at which it shows what learned maps miss.
+
+    Attributes
+    ----------
+    join, areas : JoinedPairs, ndarray of shape (n_pairs,)
+        Those that the known map was made of, and the area that each stands for.
+    residuals : ndarray of shape (n, n_components)
+        What landmarks were missed by that were left out while it was built; no rows where it was
+        not built.
+    """
+
+    join: JoinedPairs
+    areas: FloatArray
+    residuals: FloatArray
+
+
 @dataclass(frozen=True, eq=False, repr=False)
 class TrainingSet:
     """The reference and the other training shapes, with what is known of them.
@@ -91,7 +118,10 @@ class TrainingSet:
     indices : ndarray of int
         Their indices in X.
     joins, known : list of JoinedPairs, list of KnownMap
-        Pairs of vertices of each shape and of the reference, and the map C_i that they make.
+        Pairs of each shape and of the reference that were given, and the map C_i that they make or
+        that was built from them. Areas are of the pairs that were given.
+    observed : list of Observed
+        The pairs that each map was made of.
     share : ndarray of shape (n_shapes,)
         Share of each shape in equation (3).
     k : int
@@ -104,6 +134,10 @@ class TrainingSet:
         Number of shapes in X.
     memory, n_jobs : object
         Cache, and shapes at a time.
+    how : KnownMapsRecord or None
+        How known maps came about.
+    told : list of str
+        What is to be said of that.
     """
 
     reference: ProbedShape
@@ -114,6 +148,7 @@ class TrainingSet:
     indices: IntArray
     joins: list[JoinedPairs]
     known: list[KnownMap]
+    observed: list[Observed]
     share: FloatArray
     k: int
     options: LearningOptions
@@ -121,6 +156,8 @@ class TrainingSet:
     n_given: int
     memory: MemoryLike
     n_jobs: int | None
+    how: KnownMapsRecord | None = None
+    told: list[str] = field(default_factory=list)
 
     @classmethod
     def from_samples(
@@ -134,10 +171,12 @@ class TrainingSet:
         on_invalid: str = "raise",
         on_mirrored: str = "warn",
         options: LearningOptions | None = None,
+        build: KnownMaps | None = None,
         memory: MemoryLike = None,
         n_jobs: int | None = None,
     ) -> Self:
         """Sort out the samples, join them with the reference, and fit the known maps."""
+        build = PairsAsGiven() if build is None else build
         given = check_shapes(X, n_functions)
         answers = check_correspondences(y, given, skip=on_invalid == "skip")
         share = check_sample_weight(sample_weight, len(given))
@@ -145,7 +184,9 @@ class TrainingSet:
         shape_0, truth_0 = _with_given_mesh(given[index]), answers[index]
         if on_invalid == "skip":
             answers = [
-                answer if i == index else _or_skipped(answer, shape, truth_0, shape_0, n_functions)
+                answer
+                if i == index
+                else _or_skipped(answer, shape, truth_0, shape_0, n_functions, build)
                 for i, (answer, shape) in enumerate(zip(answers, given, strict=True))
             ]
         skipped = skipped_message(answers)
@@ -168,7 +209,17 @@ class TrainingSet:
         joins = [
             join_with_reference(t, s, truth_0, shape_0) for t, s in zip(truths, shapes, strict=True)
         ]
-        known = known_maps(shapes, shape_0, joins, n_functions, memory=memory, n_jobs=n_jobs)
+        pairs = GivenPairs(shapes, shape_0, joins, n_functions, memory, n_jobs)
+        built = build.build(pairs)
+        made = known_maps(
+            shapes, shape_0, [one.pairs for one in built], n_functions, memory=memory, n_jobs=n_jobs
+        )
+        observed = [
+            Observed(one.pairs, known.areas, one.residuals)
+            for one, known in zip(built, made, strict=True)
+        ]
+        known = [_of_given(*parts) for parts in zip(made, built, shapes, joins, strict=True)]
+        called = [describe(i, given[i]) for i in rest]
         if on_mirrored == "reflect":  # known maps are those of the images too
             shapes = [
                 mirror_image(shape) if is_mirror_image(shape, shape_0, join, one) else shape
@@ -183,6 +234,7 @@ class TrainingSet:
             indices=np.array(rest),
             joins=joins,
             known=known,
+            observed=observed,
             share=share[rest],
             k=n_functions,
             options=(options or LearningOptions()).resolved(shape_0),
@@ -190,6 +242,8 @@ class TrainingSet:
             n_given=len(given),
             memory=memory,
             n_jobs=n_jobs,
+            how=record_of(built, joins, rest, len(given)),
+            told=told_of(pairs, built, called, truth_0.names),
         )
 
     def __repr__(self) -> str:
@@ -237,9 +291,24 @@ class TrainingSet:
         """Return the training set of some of the shapes, and the reference."""
         parts: dict[str, Any] = {
             name: [getattr(self, name)[i] for i in rows]
-            for name in ("shapes", "truths", "joins", "known")
+            for name in ("shapes", "truths", "joins", "known", "observed")
         }
         return replace(self, **parts, indices=self.indices[rows], share=self.share[rows])
+
+    def truncation(self) -> FloatArray:
+        """Return how far known maps in all functions held put points from where they belong.
+
+        Averaged over the shapes that have a share. Where maps were built, what landmarks were
+        missed by that were left out then tells how much of it they hide.
+        """
+        rows = self.used
+        size = min(len(self.known[i].truncation) for i in rows)
+        parts = [self.known[i].truncation[:size, :size] for i in rows]
+        covariance = np.average(parts, axis=0, weights=self.share[rows])
+        missed = [self.observed[i].residuals for i in rows if len(self.observed[i].residuals)]
+        if not missed:
+            return np.asarray(covariance)
+        return calibrated_covariance(covariance, np.vstack([part[:, :size] for part in missed]))
 
     def arrays(self) -> dict[str, Any]:
         """Return what equation (3) is about, as `learn_functional_maps` takes it."""
@@ -328,14 +397,27 @@ def _index_of(
     return names.index(reference)
 
 
+def _of_given(known: KnownMap, built: BuiltMap, shape: ProbedShape, join: JoinedPairs) -> KnownMap:
+    """Return a known map with the areas of the pairs that were given."""
+    if built.pairs is join:
+        return known
+    areas = np.where(built.wrong, 0.0, areas_of_pairs(shape, join))
+    return known._replace(areas=areas, n_wrong=0)
+
+
 def _or_skipped(
-    truth: Any, shape: Any, truth_0: Correspondence, reference: ProbedShape, k: int
+    truth: Any,
+    shape: Any,
+    truth_0: Correspondence,
+    reference: ProbedShape,
+    k: int,
+    build: KnownMaps,
 ) -> Any:
     """Return the correspondence, or why there is nothing to be learned from it."""
     if isinstance(truth, SkippedShape):
         return truth
     try:
-        check_landmarks(shape, reference, join_with_reference(truth, shape, truth_0, reference), k)
+        build.check(shape, reference, join_with_reference(truth, shape, truth_0, reference), k)
     except CorrespondenceError as error:
         return SkippedShape(shape.name, str(error))
     return truth

@@ -9,11 +9,11 @@ import numpy as np
 from numpy.typing import ArrayLike
 from sklearn.base import BaseEstimator
 
-import skfmap
 from skfmap._tools.parallel import tell
 from skfmap._tools.types import FloatArray
 from skfmap._tools.unwrap import learner_and_shapes
 from skfmap._tools.validation import label
+from skfmap.learner import predict_landmarks
 from skfmap.model_selection import PinnedReference
 from skfmap.report._evaluation import CrossValidation, folds_of, index_of_reference, trained
 from skfmap.shapes import Correspondence, Landmarks, Mesh, SkippedShape
@@ -129,7 +129,6 @@ def evaluate_landmarks(
     truths: list[Any] = [y[i] for i in order]
     marks = [landmarks[i] for i in order]
     splits = list(PinnedReference(folds_of(cv or len(shapes), len(shapes) - 1)).split(shapes))
-    predict: Any = skfmap.predict_landmarks
     found: dict[int, Landmarks] = {}
     for fold, (train, test) in enumerate(splits, start=1):
         tested = [i for i in test.tolist() if marks[i] is not None]
@@ -139,7 +138,7 @@ def evaluate_landmarks(
             names = ", ".join(label(shapes[i].name, "shape") for i in tested)
             tell(f"fold {fold} of {len(splits)}: {names} left out")
         own = trained(learner, shapes, truths, train)
-        predicted = predict(own, [shapes[i] for i in tested])
+        predicted = predict_landmarks(own, [shapes[i] for i in tested])
         found |= dict(zip(tested, predicted, strict=True))
     if not found:
         raise ValueError("No specimen beside the reference has landmarks to compare with.")

@@ -1,0 +1,630 @@
+"""Where known maps come from: pairs as given, or dense maps that are built from a few landmarks.
+
+A part of the learner, as refinements are: `KnownMaps.build` returns, for each training shape, the
+pairs that its known map is made of.
+"""
+
+from abc import ABC, abstractmethod
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from skfmap._tools.caching import MemoryLike, cached, hash_of_arrays
+from skfmap._tools.parallel import map_shapes, threads_within
+from skfmap._tools.part import Part
+from skfmap._tools.types import BoolArray, FloatArray, IntArray
+from skfmap._tools.validation import check_number, label
+from skfmap.exceptions import CorrespondenceError
+from skfmap.functional.from_landmarks import map_from_landmarks
+from skfmap.functional.neighbours import nearest_both
+from skfmap.functional.refinement import beyond, map_from_point_maps
+from skfmap.functional.samples import areas_of_samples, farthest_points
+from skfmap.geometry.geodesics import heat_distances
+from skfmap.ground_truth import check_landmarks, distinct_landmarks
+from skfmap.shapes import JoinedPairs, ProbedShape, SpectralShape
+
+__all__ = [
+    "KNOWN_MAPS",
+    "AutoKnownMaps",
+    "BuiltMap",
+    "FromLandmarks",
+    "GivenPairs",
+    "KnownMaps",
+    "KnownMapsRecord",
+    "PairsAsGiven",
+    "kind_of",
+    "record_of",
+    "told_of",
+]
+
+PAIRS, FROM_LANDMARKS = "pairs", "from-landmarks"
+
+# Fewest distinct landmarks that a map is built from.
+_FEWEST = 8
+# Distinct landmarks for each function, from which on pairs are used as they are.
+_ENOUGH = 2.0
+# Functions of the first map, and how many more each has that follows.
+_FIRST, _STEP = 15, 10
+# Points are matched in functions that count half from this one on: known maps err more in higher
+# ones. Mean errors of maps between five cats and the sixth from 13 landmarks: 0.0237 where all
+# functions count alike, 0.0201 with 1 / (1 + lambda / lambda_10), 0.0223 with its square.
+_HALF = 10
+# Groups of landmarks that are left out of the building in turn; it is then done on fewer samples,
+# in longer steps.
+_N_GROUPS, _SAMPLES, _LONG_STEP = 5, 1000, 20
+# A landmark is doubtful where the others put it farther than this from its place, in sqrt(area),
+# and than so many times the median of its shape's.
+_DOUBTFUL, _TIMES = 0.15, 4.0
+# Shapes are unlike the others beyond so many times the typical error of landmarks; landmarks are
+# far beyond this distance, in sqrt(area), and lie in a plane below this share of their extent.
+_UNLIKE, _GAP, _FLAT = 3.0, 1.0, 0.02
+# How far from itself, in sqrt(area), a vertex may come back from S_0 for its pair to count.
+_RETURNS, _NIL = 0.05, 1e-3
+
+
+class GivenPairs(NamedTuple):
+    """What known maps are built from.
+
+    Attributes
+    ----------
+    shapes, reference : sequence of ProbedShape, ProbedShape
+        The training shapes S_i, and S_0.
+    joins : sequence of JoinedPairs
+        Landmarks of each shape and of the reference.
+    k : int
+        Number of functions.
+    memory, n_jobs : object
+        Cache, and shapes at a time.
+    """
+
+    shapes: Sequence[ProbedShape]
+    reference: ProbedShape
+    joins: Sequence[JoinedPairs]
+    k: int
+    memory: MemoryLike = None
+    n_jobs: int | None = None
+
+
+class BuiltMap(NamedTuple):
+    """The pairs that the known map of a shape is made of, and what was found out about those given.
+
+    Attributes
+    ----------
+    pairs : JoinedPairs
+        Between given vertices of S_i and of S_0.
+    kind : str
+        ``"pairs"`` where these are those that were given, else how they were built.
+    wrong : ndarray of bool, shape (n_given,)
+        Which of the given pairs were left out of the building as wrong.
+    errors : ndarray of shape (n_given,)
+        How far from its place on S_0 each landmark is put by what is built without it, in
+        sqrt(area); NaN where that was not asked.
+    residuals : ndarray of shape (n_right, n_components)
+        What each right landmark is missed by then, in eigenfunctions of S_0; no rows where it was
+        not asked.
+    exchanged : list of (int, int)
+        Template points of landmarks that seem to be exchanged.
+    gap : float
+        Largest distance from a point of S_0 to its nearest landmark, in sqrt(area); 0 where it was
+        not asked.
+    """
+
+    pairs: JoinedPairs
+    kind: str
+    wrong: BoolArray
+    errors: FloatArray
+    residuals: FloatArray
+    exchanged: list[tuple[int, int]]
+    gap: float = 0.0
+
+
+class KnownMapsRecord(NamedTuple):
+    """What a fitted learner remembers of how its known maps came about (``known_maps_``).
+
+    Attributes
+    ----------
+    kinds : list of str
+        For each shape given to `fit`: ``"pairs"``, ``"from-landmarks"``, or ``""`` for the
+        reference and shapes that were left out.
+    n_landmarks, n_pairs : ndarray of int, shape (n_shapes,)
+        Distinct landmarks that each shares with the reference, and pairs that its known map is made
+        of.
+    points : ndarray of int, shape (n_points,)
+        Template points of the landmarks that maps were built from.
+    landmark_errors : ndarray of shape (n_shapes, n_points)
+        How far from its place on the reference each of them is put by the map that is built without
+        it, in sqrt(area); NaN where there is none.
+    """
+
+    kinds: list[str]
+    n_landmarks: IntArray
+    n_pairs: IntArray
+    points: IntArray
+    landmark_errors: FloatArray
+
+    @property
+    def mean_error(self) -> float:
+        """Mean of ``landmark_errors``; NaN where no map was built."""
+        known = np.isfinite(self.landmark_errors)
+        return float(self.landmark_errors[known].mean()) if known.any() else float("nan")
+
+    def __str__(self) -> str:
+        """Return a line that says what was done."""
+        used, built = (
+            [i for i, kind in enumerate(self.kinds) if kind in kinds]
+            for kinds in ((PAIRS, FROM_LANDMARKS), (FROM_LANDMARKS,))
+        )
+        if not built:
+            return f"known maps of {len(used)} shapes from the pairs as given"
+        fewest, most = self.n_landmarks[built].min(), self.n_landmarks[built].max()
+        counts = f"{fewest}" if fewest == most else f"{fewest} to {most}"
+        return (
+            f"known maps of {len(built)} of {len(used)} shapes built from {counts} landmarks each; "
+            f"a landmark left out of the building is put {self.mean_error:.3f} sqrt(area) from its "
+            "place on average"
+        )
+
+
+class KnownMaps(Part, ABC):
+    """A way to find the pairs that known maps are made of; derive from it to write your own."""
+
+    @abstractmethod
+    def build(self, given: GivenPairs) -> list[BuiltMap]:
+        """Return what the known map of each shape is made of.
+
+        Parameters
+        ----------
+        given : GivenPairs
+            Shapes, the reference, and the pairs that they share with it.
+
+        Returns
+        -------
+        list of BuiltMap
+            In the order of the shapes.
+
+        Raises
+        ------
+        CorrespondenceError
+            If a shape has too few pairs.
+        """
+
+    def check(self, shape: ProbedShape, reference: ProbedShape, join: JoinedPairs, k: int) -> None:
+        """Raise CorrespondenceError for a shape whose pairs are too few."""
+        check_landmarks(shape, reference, join, k)
+
+
+class PairsAsGiven(KnownMaps):
+    """Known maps from the pairs as they are given: at least ``n_functions``, better twice that."""
+
+    def build(self, given: GivenPairs) -> list[BuiltMap]:
+        """Return the pairs."""
+        return [_as_given(join) for join in given.joins]
+
+
+class FromLandmarks(KnownMaps):
+    """Known maps from a few landmarks, for kinds that bend: dense maps are built, not asked for.
+
+    Each is begun from heat around the landmarks and from the probe functions, unweighted, under the
+    isometric prior, and grows as `skfmap.refinement.BijectiveZoomOut` does, held by the landmarks.
+
+    Parameters
+    ----------
+    n_samples : int, default=2000
+        Vertices of each shape that are matched while maps grow.
+    final_steps : int, default=2
+        Steps in which all vertices are matched.
+    enough : float, default=2.0
+        Shapes that share at least so many distinct pairs per function with the reference keep these
+        as they are.
+
+    Examples
+    --------
+    >>> import skfmap
+    >>> from skfmap.known_maps import FromLandmarks
+    >>> learner = skfmap.WeightedFunctionalMapLearner(known_maps=FromLandmarks())
+    >>> learner.set_params(known_maps__n_samples=1000).known_maps
+    FromLandmarks(n_samples=1000)
+    """
+
+    def __init__(
+        self, n_samples: int = 2000, final_steps: int = 2, enough: float = _ENOUGH
+    ) -> None:
+        self.n_samples = n_samples
+        self.final_steps = final_steps
+        self.enough = enough
+
+    def check_parameters(self) -> None:
+        """Raise for parameters that cannot be used."""
+        check_number(self.n_samples, "n_samples", low=100, integer=True)
+        check_number(self.final_steps, "final_steps", low=1, integer=True)
+        check_number(self.enough, "enough", low=0)
+
+    def check(self, shape: ProbedShape, reference: ProbedShape, join: JoinedPairs, k: int) -> None:
+        """Raise CorrespondenceError for a shape with fewer than 8 landmarks, and fewer than k."""
+        n_distinct = distinct_landmarks(join)
+        if n_distinct < min(_FEWEST, k):
+            raise CorrespondenceError(
+                f"{label(shape.name, 'shape')} and {reference.name!r} share {n_distinct} distinct "
+                f"landmarks (repeated ones count once), too few for n_functions={k}, and to build "
+                f"a map from, which takes {_FEWEST}. Place more landmarks, spread over the whole "
+                "surface, or leave the shape out."
+            )
+
+    def build(self, given: GivenPairs) -> list[BuiltMap]:
+        """Return the pairs of each map that was built, or those given where they are enough."""
+        for shape, join in zip(given.shapes, given.joins, strict=True):
+            self.check(shape, given.reference, join, given.k)
+        arguments = ((self, given, i) for i in range(len(given.shapes)))
+        return map_shapes(_build, arguments, n_jobs=given.n_jobs, verbose=0, prefer="threads")
+
+
+class AutoKnownMaps(FromLandmarks):
+    """Pairs as given where they are enough, else maps that are built from the landmarks.
+
+    What was done is in the learner's ``known_maps_``. Parameters are those of `FromLandmarks`.
+    """
+
+    def build(self, given: GivenPairs) -> list[BuiltMap]:
+        """Return what `kind_of` chooses."""
+        kind = kind_of(given, self.enough)
+        return (PairsAsGiven() if kind == PAIRS else super()).build(given)
+
+
+KNOWN_MAPS: dict[str, type[KnownMaps]] = {
+    "auto": AutoKnownMaps,
+    PAIRS: PairsAsGiven,
+    FROM_LANDMARKS: FromLandmarks,
+}
+"""What the learner's words stand for."""
+
+
+def kind_of(given: GivenPairs, enough: float = _ENOUGH) -> str:
+    """Return how known maps of a collection are found: the word of a part.
+
+    ``"pairs"`` where all shapes share enough distinct pairs with the reference.
+    """
+    if all(distinct_landmarks(join) >= enough * given.k for join in given.joins):
+        return PAIRS
+    return FROM_LANDMARKS
+
+
+def record_of(
+    built: Sequence[BuiltMap], joins: Sequence[JoinedPairs], indices: Sequence[int], n_shapes: int
+) -> KnownMapsRecord:
+    """Return the record of maps that were built for some of the shapes given to `fit`."""
+    kinds = [""] * n_shapes
+    n_landmarks, n_pairs = np.zeros((2, n_shapes), dtype=np.int64)
+    asked = [join.points for one, join in zip(built, joins, strict=True) if one.kind != PAIRS]
+    points = np.unique(np.concatenate(asked)) if asked else np.empty(0, dtype=np.int64)
+    errors = np.full((n_shapes, len(points)), np.nan)
+    for one, join, index in zip(built, joins, indices, strict=True):
+        kinds[index] = one.kind
+        n_landmarks[index], n_pairs[index] = distinct_landmarks(join), len(one.pairs.points)
+        if one.kind != PAIRS:
+            errors[index, np.searchsorted(points, join.points)] = one.errors
+    return KnownMapsRecord(kinds, n_landmarks, n_pairs, points, errors)
+
+
+def told_of(
+    given: GivenPairs, built: Sequence[BuiltMap], called: Sequence[str], names: Sequence[str] | None
+) -> list[str]:
+    """Return what a person should know of maps that were built.
+
+    Parameters
+    ----------
+    given, built : GivenPairs, sequence of BuiltMap
+        What they were built from, and what came of it.
+    called : sequence of str
+        What messages call the shapes.
+    names : sequence of str or None
+        Of the template points; their numbers where there are none.
+
+    Returns
+    -------
+    list of str
+        Of landmarks that are exchanged, out of place, far from parts of the surface or in one
+        plane, and of shapes unlike the others; empty where nothing is to be said.
+    """
+    rows = [i for i, one in enumerate(built) if one.kind != PAIRS]
+    if not rows:
+        return []
+    parts = [(called[i], given.joins[i], built[i]) for i in rows]
+    return [
+        message
+        for message in (
+            _exchanged_message(parts, names),
+            _out_of_place_message(parts, names),
+            _unlike_message(parts),
+            _far_message(parts),
+            _plane_message(given, rows),
+        )
+        if message
+    ]
+
+
+_Parts = Sequence[tuple[str, JoinedPairs, BuiltMap]]
+
+
+def _exchanged_message(parts: _Parts, names: Sequence[str] | None) -> str:
+    told = [
+        f"{_called(a, names)} and {_called(b, names)} of {who}"
+        for who, _, one in parts
+        for a, b in one.exchanged
+    ]
+    return (
+        f"These landmarks seem to be exchanged, as the others put each at the other's place: "
+        f"{', '.join(told)}. They were left out; exchange them back, or check the specimen."
+        if told
+        else ""
+    )
+
+
+def _out_of_place_message(parts: _Parts, names: Sequence[str] | None) -> str:
+    told = []
+    for who, join, one in parts:
+        known = {point for pair in one.exchanged for point in pair}
+        told += [
+            f"{_called(int(join.points[q]), names)} of {who} ({one.errors[q]:.2f})"
+            for q in np.flatnonzero(one.wrong)
+            if int(join.points[q]) not in known
+        ]
+    return (
+        "These landmarks are far from where the others put them, by this many sqrt(area): "
+        f"{', '.join(told)}. They were left out; check them."
+        if told
+        else ""
+    )
+
+
+def _unlike_message(parts: _Parts) -> str:
+    typical = np.array([float(np.median(one.errors)) for _, _, one in parts])
+    told = [
+        f"{parts[i][0]} ({typical[i]:.2f})"
+        for i in range(len(parts))
+        if len(parts) > 2 and typical[i] > max(_DOUBTFUL, _UNLIKE * np.median(typical))
+    ]
+    return (
+        "Landmarks that are left out of the building are put this many sqrt(area) from their "
+        f"places on these shapes: {', '.join(told)}; {np.median(typical):.2f} is typical of all. "
+        "Check their landmarks, or leave these shapes out: they are unlike the reference, or the "
+        "landmarks are those of another specimen."
+        if told
+        else ""
+    )
+
+
+def _far_message(parts: _Parts) -> str:
+    gap = max(one.gap for _, _, one in parts)
+    return (
+        f"Parts of the reference lie {gap:.1f} sqrt(area) from the nearest landmark; known maps "
+        "are guesses there, and errors at landmarks do not tell how good. Place landmarks on all "
+        "sides."
+        if gap > _GAP
+        else ""
+    )
+
+
+def _plane_message(given: GivenPairs, rows: Sequence[int]) -> str:
+    spectral_0 = given.reference.spectral
+    for i in rows:
+        join = given.joins[i]
+        at = spectral_0.place_matrix(join.vertices_0, join.places_0)
+        points = at @ spectral_0.vertices
+        spread = np.linalg.svd(points - points.mean(axis=0), compute_uv=False)
+        if spread[-1] > _FLAT * spread[0]:
+            return ""
+    return (
+        "All landmarks of the reference lie in one plane, so that nothing but oriented probes "
+        "tells one side of it from the other. Place some beside the plane."
+    )
+
+
+def _called(point: int, names: Sequence[str] | None) -> str:
+    return f"point {point}" if names is None else repr(names[point])
+
+
+def _as_given(join: JoinedPairs) -> BuiltMap:
+    n, none = len(join.points), np.empty((0, 0))
+    return BuiltMap(join, PAIRS, np.zeros(n, dtype=bool), np.full(n, np.nan), none, [])
+
+
+class _Side(NamedTuple):
+    """What the building asks of a shape."""
+
+    vertices: FloatArray
+    faces: IntArray
+    mass: FloatArray
+    evals: FloatArray
+    evecs: FloatArray
+    probes: FloatArray
+    at: FloatArray  # eigenfunctions at the landmarks
+
+    def samples(self, n_samples: int) -> "_Side":
+        """Return well-spread vertices with the areas that they stand for."""
+        if n_samples >= len(self.mass):
+            return self
+        rows = np.sort(farthest_points(self.vertices, n_samples))
+        areas = areas_of_samples(self.vertices, self.mass, rows)
+        return self._replace(vertices=self.vertices[rows], mass=areas, evecs=self.evecs[rows])
+
+    def cut(self, n_functions: int) -> "_Side":
+        """Return the side with fewer eigenfunctions."""
+        n = n_functions
+        return self._replace(evals=self.evals[:n], evecs=self.evecs[:, :n], at=self.at[:, :n])
+
+    def only(self, landmarks: IntArray | BoolArray) -> "_Side":
+        """Return the side with some of its landmarks."""
+        return self._replace(at=self.at[landmarks])
+
+
+class _Task(NamedTuple):
+    side_i: _Side
+    side_0: _Side
+    landmarks_0: IntArray  # vertices of S_0 nearest to its landmarks
+    n_samples: int
+    final_steps: int
+
+
+class _Found(NamedTuple):
+    p2p: IntArray
+    inverse: IntArray
+    wrong: BoolArray
+    errors: FloatArray
+    residuals: FloatArray
+    exchanged: list[tuple[int, int]]  # by their rows
+    gap: float
+
+
+def _build(part: FromLandmarks, given: GivenPairs, i: int) -> BuiltMap:
+    shape, reference, join = given.shapes[i], given.reference, given.joins[i]
+    if distinct_landmarks(join) >= part.enough * given.k:
+        return _as_given(join)
+    spectral, spectral_0 = shape.spectral, reference.spectral
+    n = min(spectral.n_components, spectral_0.n_components)
+    task = _Task(
+        _side(shape, spectral.evecs_at(join.vertices_i, n, join.places_i), n),
+        _side(reference, spectral_0.evecs_at(join.vertices_0, n, join.places_0), n),
+        spectral_0.working_vertices(join.vertices_0),
+        part.n_samples,
+        part.final_steps,
+    )
+    key = hash_of_arrays(*task.side_i, *task.side_0, *task[2:])
+    found = cached(_built_from, given.memory)(task, key)
+    exchanged = [(int(join.points[a]), int(join.points[b])) for a, b in found.exchanged]
+    pairs = _dense(spectral, spectral_0, found.p2p, found.inverse)
+    return BuiltMap(
+        pairs, FROM_LANDMARKS, found.wrong, found.errors, found.residuals, exchanged, found.gap
+    )
+
+
+def _side(shape: ProbedShape, at: FloatArray, n: int) -> _Side:
+    mesh, spectral = shape.spectral.mesh, shape.spectral
+    vertices = np.asarray(mesh.vertices / np.sqrt(mesh.area))
+    evals, evecs = spectral.evals[:n], spectral.evecs[:, :n]
+    return _Side(vertices, mesh.faces, spectral.mass, evals, evecs, shape.probes, at)
+
+
+def _built_from(task: _Task, content_hash: str) -> _Found:  # noqa: ARG001
+    """Build the dense map, without the landmarks that the others contradict."""
+    places = _distances_between(task)
+    told, wrong = _left_out(task, np.ones(len(places), dtype=bool)), np.zeros(len(places), bool)
+    doubtful = _doubtful(_errors(places, told))
+    if doubtful.any() and (~doubtful).sum() >= _FEWEST // 2:
+        # What the landmarks beyond doubt say of all: others were in doubt because of wrong ones.
+        told = _left_out(task, ~doubtful)
+        wrong = _doubtful(_errors(places, told))
+    whole = task.side_i.only(~wrong), task.side_0.only(~wrong)
+    few = tuple(side.samples(task.n_samples) for side in whole)
+    C = _grown(few, _STEP)
+    p2p, inverse = _matched(*whole, C)
+    for _ in range(task.final_steps):
+        p2p, inverse = _matched(*whole, _fitted(*whole, len(C), p2p, inverse))
+    exchanged = _exchanged(places[:, told.put], np.flatnonzero(wrong))
+    gap = float(places[~wrong].min(axis=0).max())
+    errors = _errors(places, told)
+    return _Found(p2p, inverse, wrong, errors, told.residuals[~wrong], exchanged, gap)
+
+
+def _grown(sides: tuple[_Side, ...], step: int) -> FloatArray:
+    """Return the functional map in all functions held, grown from the landmarks."""
+    most = min(side.evecs.shape[1] for side in sides)
+    first = min(_FIRST, most)
+    start = map_from_landmarks(
+        *(side.evals[:first] for side in sides),
+        *(side.at[:, :first] for side in sides),
+        *(side.probes[:first] for side in sides),
+    )
+    both, C = _matched(*sides, start), None
+    for size in [*range(first + step // 2, most, step), most, most]:
+        C = beyond(C, _fitted(*sides, size, *both))
+        both = _matched(*sides, C)
+    return C
+
+
+def _fitted(i: _Side, o: _Side, size: int, p2p: IntArray, inverse: IntArray) -> FloatArray:
+    held = i.at[:, :size], o.at[:, :size]
+    return map_from_point_maps(
+        i.evecs[:, :size], o.evecs[:, :size], i.mass, o.mass, p2p, inverse, held
+    )
+
+
+def _matched(i: _Side, o: _Side, C: FloatArray) -> tuple[IntArray, IntArray]:
+    k, trust = len(C), _trust(o, len(C))
+    return nearest_both(
+        (i.evecs[:, :k] @ C) * trust, o.evecs[:, :k] * trust, n_threads=threads_within()
+    )
+
+
+def _trust(side_0: _Side, k: int) -> FloatArray:
+    evals = side_0.evals
+    return np.asarray(1 / (1 + evals[:k] / evals[min(_HALF, len(evals) - 1)]))
+
+
+class _Told(NamedTuple):
+    """Where landmarks are put by those of other groups: vertices of S_0, and what is missed."""
+
+    put: IntArray
+    residuals: FloatArray
+
+
+def _left_out(task: _Task, right: BoolArray) -> _Told:
+    """Return what the right landmarks that are not of its own group say of each."""
+    side_i, side_0 = task.side_i, task.side_0
+    few = tuple(side.samples(min(task.n_samples, _SAMPLES)) for side in (side_i, side_0))
+    put, residuals = np.empty(len(right), dtype=np.int64), np.empty_like(side_i.at)
+    trust = _trust(side_0, side_i.evecs.shape[1])
+    for group in _groups(task):
+        kept = right & ~np.isin(np.arange(len(right)), group)
+        C = _grown(tuple(side.only(kept) for side in few), _LONG_STEP)
+        found = side_i.at[group] @ C
+        residuals[group] = found - side_0.at[group]
+        put[group] = nearest_both(found * trust, side_0.evecs * trust)[0]
+    return _Told(put, residuals)
+
+
+def _groups(task: _Task) -> list[IntArray]:
+    """Return well-spread groups of landmarks to leave out together.
+
+    Those at one place are of one group.
+    """
+    vertices, place = np.unique(task.landmarks_0, return_inverse=True)
+    rank = np.empty(len(vertices), dtype=np.int64)
+    rank[farthest_points(task.side_0.vertices[vertices], len(vertices))] = np.arange(len(vertices))
+    group_of = rank[place.ravel()] % _N_GROUPS
+    groups = [np.flatnonzero(group_of == group) for group in range(_N_GROUPS)]
+    return [group for group in groups if len(group)]
+
+
+def _distances_between(task: _Task) -> FloatArray:
+    """Return distances from each landmark of S_0 to all its vertices, in sqrt(area)."""
+    vertices, inverse = np.unique(task.landmarks_0, return_inverse=True)
+    return heat_distances(task.side_0.vertices, task.side_0.faces, vertices)[inverse.ravel()]
+
+
+def _errors(places: FloatArray, told: _Told) -> FloatArray:
+    return np.asarray(places[np.arange(len(places)), told.put])
+
+
+def _doubtful(errors: FloatArray) -> BoolArray:
+    return np.asarray(errors > max(_DOUBTFUL, _TIMES * float(np.median(errors))))
+
+
+def _exchanged(far: FloatArray, wrong: IntArray) -> list[tuple[int, int]]:
+    """Return pairs of wrong landmarks each of which is put nearest to the place of the other.
+
+    ``far`` holds the distance from the place of each (rows) to where each is put (columns).
+    """
+    nearest = {int(b): int(wrong[far[wrong, b].argmin()]) for b in wrong}
+    return [(a, b) for a, b in nearest.items() if a < b and nearest[b] == a]
+
+
+def _dense(
+    spectral: SpectralShape, spectral_0: SpectralShape, p2p: IntArray, inverse: IntArray
+) -> JoinedPairs:
+    """Return a pair for each working vertex, of the given vertices nearest to both."""
+    vertices_i, vertices_0 = spectral.given_vertices(), spectral_0.given_vertices()[p2p]
+    back = spectral.vertices[inverse[p2p]] - spectral.vertices
+    trust = np.exp(-np.square(np.linalg.norm(back, axis=1) / _RETURNS))
+    rows = np.flatnonzero((vertices_i >= 0) & (vertices_0 >= 0) & (trust > _NIL))
+    return JoinedPairs(vertices_i[rows], vertices_0[rows], vertices_0[rows], trust[rows])
