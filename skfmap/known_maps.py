@@ -496,10 +496,7 @@ def _laid(part: InSpace, given: GivenPairs, i: int) -> BuiltMap:
     )
     built = cached(_built_in_space, given.memory)(task, key)
     apart = np.linalg.norm(at_0[:, None] - spectral_0.vertices[built.put][None], axis=2)
-    exchanged = [
-        (int(join.points[a]), int(join.points[b]))
-        for a, b in _exchanged(apart, np.flatnonzero(built.wrong))
-    ]
+    exchanged = [(int(join.points[a]), int(join.points[b])) for a, b in built.exchanged]
     missed = spectral_0.evecs[built.put] - places_0 @ spectral_0.evecs
     return BuiltMap(
         _dense(spectral, spectral_0, built.p2p, built.inverse),
