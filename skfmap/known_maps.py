@@ -6,6 +6,7 @@ pairs that its known map is made of.
 
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
+from itertools import combinations
 from typing import NamedTuple
 
 import numpy as np
@@ -13,15 +14,17 @@ import numpy as np
 from skfmap._tools.caching import MemoryLike, cached, hash_of_arrays
 from skfmap._tools.parallel import map_shapes, threads_within
 from skfmap._tools.part import Part
-from skfmap._tools.types import BoolArray, FloatArray, IntArray
+from skfmap._tools.types import BoolArray, FloatArray, IntArray, SparseMatrix
 from skfmap._tools.validation import check_number, label
 from skfmap.exceptions import CorrespondenceError
 from skfmap.functional.from_landmarks import map_from_landmarks
 from skfmap.functional.neighbours import nearest_both
 from skfmap.functional.refinement import beyond, map_from_point_maps
 from skfmap.functional.samples import areas_of_samples, farthest_points
+from skfmap.functional.similarity import MIRROR, STIFF, TELLING, left_by_similarities
 from skfmap.geometry.geodesics import heat_distances
 from skfmap.ground_truth import check_landmarks, distinct_landmarks
+from skfmap.registration.by_landmarks import LandmarkBuild, build_in_space
 from skfmap.shapes import JoinedPairs, ProbedShape, SpectralShape
 
 __all__ = [
@@ -30,6 +33,7 @@ __all__ = [
     "BuiltMap",
     "FromLandmarks",
     "GivenPairs",
+    "InSpace",
     "KnownMaps",
     "KnownMapsRecord",
     "PairsAsGiven",
@@ -38,7 +42,7 @@ __all__ = [
     "told_of",
 ]
 
-PAIRS, FROM_LANDMARKS = "pairs", "from-landmarks"
+PAIRS, FROM_LANDMARKS, IN_SPACE = "pairs", "from-landmarks", "in-space"
 
 # Fewest distinct landmarks that a map is built from.
 _FEWEST = 8
@@ -56,9 +60,14 @@ _N_GROUPS, _SAMPLES, _LONG_STEP = 5, 1000, 20
 # A landmark is doubtful where the others put it farther than this from its place, in sqrt(area),
 # and than so many times the median of its shape's.
 _DOUBTFUL, _TIMES = 0.15, 4.0
+# Landmarks are left out, or told to be exchanged, where that lowers what is left of the map to
+# this share: creatures' wrong ones, of 13 to 40, raise it 1.2 to 2.4 times. A suspect is exchanged
+# with so many landmarks near where it is put, and with at most so many others in doubt.
+_RELIEF, _NEAREST, _MOST_PAIRED = 0.9, 4, 6
 # Shapes are unlike the others beyond so many times the typical error of landmarks; landmarks are
-# far beyond this distance, in sqrt(area), and lie in a plane below this share of their extent.
-_UNLIKE, _GAP, _FLAT = 3.0, 1.0, 0.02
+# far beyond this distance, in sqrt(area) (eight that are well spread leave 0.37, those on one side
+# 0.35 to 1.07), and lie in a plane below this share of their extent.
+_UNLIKE, _GAP, _FLAT = 3.0, 0.6, 0.02
 # How far from itself, in sqrt(area), a vertex may come back from S_0 for its pair to count.
 _RETURNS, _NIL = 0.05, 1e-3
 
@@ -153,7 +162,7 @@ class KnownMapsRecord(NamedTuple):
         """Return a line that says what was done."""
         used, built = (
             [i for i, kind in enumerate(self.kinds) if kind in kinds]
-            for kinds in ((PAIRS, FROM_LANDMARKS), (FROM_LANDMARKS,))
+            for kinds in ((PAIRS, FROM_LANDMARKS, IN_SPACE), (FROM_LANDMARKS, IN_SPACE))
         )
         if not built:
             return f"known maps of {len(used)} shapes from the pairs as given"
@@ -259,22 +268,49 @@ class FromLandmarks(KnownMaps):
         return map_shapes(_build, arguments, n_jobs=given.n_jobs, verbose=0, prefer="threads")
 
 
+class InSpace(FromLandmarks):
+    """Known maps from a few landmarks, for stiff kinds, of which space tells more than functions.
+
+    The reference is moved by the similarity of the landmarks, then deformed as little as can be
+    until the landmarks and the closest points of the surface meet; landmarks are not held, as
+    nobody places them exactly. Parameters are those of `FromLandmarks`; ``enough`` alone counts.
+
+    Examples
+    --------
+    >>> import skfmap
+    >>> from skfmap.known_maps import InSpace
+    >>> skfmap.WeightedFunctionalMapLearner(known_maps=InSpace()).known_maps
+    InSpace()
+    """
+
+    def build(self, given: GivenPairs) -> list[BuiltMap]:
+        """Return the pairs of each map that was built, or those given where they are enough."""
+        for shape, join in zip(given.shapes, given.joins, strict=True):
+            self.check(shape, given.reference, join, given.k)
+        arguments = ((self, given, i) for i in range(len(given.shapes)))
+        return map_shapes(_laid, arguments, n_jobs=given.n_jobs, verbose=0, prefer="threads")
+
+
 class AutoKnownMaps(FromLandmarks):
     """Pairs as given where they are enough, else maps that are built from the landmarks.
 
-    What was done is in the learner's ``known_maps_``. Parameters are those of `FromLandmarks`.
+    In space where a similarity explains the landmarks, in functions elsewhere. What was done is in
+    the learner's ``known_maps_``. Parameters are those of `FromLandmarks`.
     """
 
     def build(self, given: GivenPairs) -> list[BuiltMap]:
         """Return what `kind_of` chooses."""
         kind = kind_of(given, self.enough)
-        return (PairsAsGiven() if kind == PAIRS else super()).build(given)
+        if kind == IN_SPACE:
+            return InSpace(enough=self.enough).build(given)
+        return PairsAsGiven().build(given) if kind == PAIRS else super().build(given)
 
 
 KNOWN_MAPS: dict[str, type[KnownMaps]] = {
     "auto": AutoKnownMaps,
     PAIRS: PairsAsGiven,
     FROM_LANDMARKS: FromLandmarks,
+    IN_SPACE: InSpace,
 }
 """What the learner's words stand for."""
 
@@ -282,11 +318,25 @@ KNOWN_MAPS: dict[str, type[KnownMaps]] = {
 def kind_of(given: GivenPairs, enough: float = _ENOUGH) -> str:
     """Return how known maps of a collection are found: the word of a part.
 
-    ``"pairs"`` where all shapes share enough distinct pairs with the reference.
+    ``"pairs"`` where all shapes share enough distinct pairs with the reference, else ``"in-space"``
+    where a similarity explains the landmarks of most.
     """
     if all(distinct_landmarks(join) >= enough * given.k for join in given.joins):
         return PAIRS
-    return FROM_LANDMARKS
+    return IN_SPACE if _are_stiff(given) else FROM_LANDMARKS
+
+
+def _are_stiff(given: GivenPairs) -> bool:
+    left = [
+        left_by_similarities(
+            shape.spectral.vertices_at(join.vertices_i, join.places_i),
+            given.reference.spectral.vertices_at(join.vertices_0, join.places_0),
+            join.weights,
+        )[0]
+        for shape, join in zip(given.shapes, given.joins, strict=True)
+        if distinct_landmarks(join) >= TELLING
+    ]
+    return bool(left) and float(np.median(left)) <= STIFF
 
 
 def record_of(
@@ -410,7 +460,7 @@ def _plane_message(given: GivenPairs, rows: Sequence[int]) -> str:
     for i in rows:
         join = given.joins[i]
         at = spectral_0.place_matrix(join.vertices_0, join.places_0)
-        points = at @ spectral_0.vertices
+        points = np.asarray(at @ spectral_0.vertices)
         spread = np.linalg.svd(points - points.mean(axis=0), compute_uv=False)
         if spread[-1] > _FLAT * spread[0]:
             return ""
@@ -427,6 +477,49 @@ def _called(point: int, names: Sequence[str] | None) -> str:
 def _as_given(join: JoinedPairs) -> BuiltMap:
     n, none = len(join.points), np.empty((0, 0))
     return BuiltMap(join, PAIRS, np.zeros(n, dtype=bool), np.full(n, np.nan), none, [])
+
+
+def _laid(part: InSpace, given: GivenPairs, i: int) -> BuiltMap:
+    shape, reference, join = given.shapes[i], given.reference, given.joins[i]
+    if distinct_landmarks(join) >= part.enough * given.k:
+        return _as_given(join)
+    spectral, spectral_0 = shape.spectral, reference.spectral
+    places_0 = spectral_0.place_matrix(join.vertices_0, join.places_0)
+    at_0 = np.asarray(places_0 @ spectral_0.vertices)
+    points = spectral.vertices_at(join.vertices_i, join.places_i)
+    vertices, faces = spectral.vertices, spectral.mesh.faces
+    rotated, reflected = left_by_similarities(points, at_0, join.weights)
+    if reflected <= STIFF < rotated:  # a mirrored specimen; its image is laid on
+        points, vertices, faces = points * MIRROR, vertices * MIRROR, faces[:, ::-1]
+    task = _InSpace(spectral_0, vertices, faces, places_0, points)
+    key = hash_of_arrays(
+        spectral_0.vertices, spectral_0.mesh.faces, vertices, faces, places_0.toarray(), points
+    )
+    built = cached(_built_in_space, given.memory)(task, key)
+    apart = np.linalg.norm(at_0[:, None] - spectral_0.vertices[built.put][None], axis=2)
+    exchanged = [(int(join.points[a]), int(join.points[b])) for a, b in built.exchanged]
+    missed = spectral_0.evecs[built.put] - places_0 @ spectral_0.evecs
+    return BuiltMap(
+        _dense(spectral, spectral_0, built.p2p, built.inverse),
+        IN_SPACE,
+        built.wrong,
+        np.diag(apart).copy(),
+        missed[~built.wrong],
+        exchanged,
+    )
+
+
+class _InSpace(NamedTuple):
+    spectral_0: SpectralShape
+    vertices: FloatArray
+    faces: IntArray
+    places_0: SparseMatrix
+    points: FloatArray
+
+
+def _built_in_space(task: _InSpace, content_hash: str) -> LandmarkBuild:  # noqa: ARG001
+    surface = task.vertices, task.faces
+    return build_in_space(task.spectral_0, surface, task.places_0, task.points)
 
 
 class _Side(NamedTuple):
@@ -508,25 +601,80 @@ def _side(shape: ProbedShape, at: FloatArray, n: int) -> _Side:
 def _built_from(task: _Task, content_hash: str) -> _Found:  # noqa: ARG001
     """Build the dense map, without the landmarks that the others contradict."""
     places = _distances_between(task)
-    told, wrong = _left_out(task, np.ones(len(places), dtype=bool)), np.zeros(len(places), bool)
-    doubtful = _doubtful(_errors(places, told))
-    if doubtful.any() and (~doubtful).sum() >= _FEWEST // 2:
-        # What the landmarks beyond doubt say of all: others were in doubt because of wrong ones.
-        told = _left_out(task, ~doubtful)
-        wrong = _doubtful(_errors(places, told))
+    told, wrong, exchanged = _without_wrong(task, places)
     whole = task.side_i.only(~wrong), task.side_0.only(~wrong)
-    few = tuple(side.samples(task.n_samples) for side in whole)
-    C = _grown(few, _STEP)
+    C = _grown((whole[0].samples(task.n_samples), whole[1].samples(task.n_samples)), _STEP)
     p2p, inverse = _matched(*whole, C)
     for _ in range(task.final_steps):
         p2p, inverse = _matched(*whole, _fitted(*whole, len(C), p2p, inverse))
-    exchanged = _exchanged(places[:, told.put], np.flatnonzero(wrong))
     gap = float(places[~wrong].min(axis=0).max())
     errors = _errors(places, told)
     return _Found(p2p, inverse, wrong, errors, told.residuals[~wrong], exchanged, gap)
 
 
-def _grown(sides: tuple[_Side, ...], step: int) -> FloatArray:
+def _without_wrong(
+    task: _Task, places: FloatArray
+) -> tuple["_Told", BoolArray, list[tuple[int, int]]]:
+    """Return what landmarks say of each other, which are wrong, and which of these are exchanged.
+
+    Landmarks are wrong where the others put them elsewhere, and the map without them is clearly
+    less strained: the tip of a leg that is left out is put onto another leg, but belongs where it
+    was.
+    """
+    wrong, exchanged = np.zeros(len(places), dtype=bool), []
+    told = _left_out(task, ~wrong)
+    suspects = _doubtful(_errors(places, told))
+    while suspects.any() and (~(suspects | wrong)).sum() >= _FEWEST // 2:
+        # What the landmarks beyond doubt say: others were in doubt because of wrong ones.
+        again = _left_out(task, ~(suspects | wrong))
+        strain = _strain(task, ~wrong)
+        pair = _exchanged(task, places, suspects, (told, again), wrong, strain)
+        if pair is not None:
+            wrong[list(pair)] = True
+            exchanged.append(pair)
+        else:
+            out = wrong | _doubtful(_errors(places, again))
+            if _strain(task, ~out) >= _RELIEF * strain:
+                break
+            wrong = out
+        told = _left_out(task, ~wrong)
+        suspects = _doubtful(_errors(places, told)) & ~wrong
+    return told, wrong, exchanged
+
+
+def _exchanged(
+    task: _Task,
+    places: FloatArray,
+    suspects: BoolArray,
+    told: Sequence["_Told"],
+    wrong: BoolArray,
+    strain: float,
+) -> tuple[int, int] | None:
+    """Return the two landmarks whose exchange relieves the map most, if it does so clearly.
+
+    Each suspect is exchanged with those near which it is put, and those still in doubt with one
+    another.
+    """
+    tried = {
+        (min(a, b), max(a, b))
+        for a in np.flatnonzero(suspects & ~wrong).tolist()
+        for one in told
+        for b in np.argsort(places[:, one.put[a]])[:_NEAREST].tolist()
+        if a != b and not wrong[b]
+    }
+    doubtful = np.flatnonzero(_doubtful(_errors(places, told[-1])) & ~wrong).tolist()
+    tried |= set(combinations(doubtful[:_MOST_PAIRED], 2))
+    strains = {}
+    for a, b in sorted(tried):
+        order = np.arange(len(places))
+        order[[a, b]] = b, a
+        turned = task._replace(side_0=task.side_0.only(order))
+        strains[a, b] = _strain(turned, ~wrong)
+    best = min(strains, key=lambda pair: strains[pair], default=None)
+    return best if best is not None and strains[best] < _RELIEF * strain else None
+
+
+def _grown(sides: tuple[_Side, _Side], step: int) -> FloatArray:
     """Return the functional map in all functions held, grown from the landmarks."""
     most = min(side.evecs.shape[1] for side in sides)
     first = min(_FIRST, most)
@@ -535,11 +683,27 @@ def _grown(sides: tuple[_Side, ...], step: int) -> FloatArray:
         *(side.at[:, :first] for side in sides),
         *(side.probes[:first] for side in sides),
     )
-    both, C = _matched(*sides, start), None
+    both, before = _matched(*sides, start), None
     for size in [*range(first + step // 2, most, step), most, most]:
-        C = beyond(C, _fitted(*sides, size, *both))
-        both = _matched(*sides, C)
+        C = beyond(before, _fitted(*sides, size, *both))
+        both, before = _matched(*sides, C), C
     return C
+
+
+def _strain(task: _Task, right: BoolArray) -> float:
+    """Return the mean squared distance of points of both shapes from their matches.
+
+    In the functions that points are matched in, under the map that some landmarks make.
+    """
+    n_samples = min(task.n_samples, _SAMPLES)
+    i, o = (side.only(right).samples(n_samples) for side in (task.side_i, task.side_0))
+    C = _grown((i, o), _LONG_STEP)
+    p2p, inverse = _matched(i, o, C)
+    trust = _trust(o, len(C))
+    points_i, points_0 = (i.evecs @ C) * trust, o.evecs[:, : len(C)] * trust
+    there = np.square(points_i - points_0[p2p]).sum(axis=1)
+    back = np.square(points_0 - points_i[inverse]).sum(axis=1)
+    return float(i.mass @ there + o.mass @ back)
 
 
 def _fitted(i: _Side, o: _Side, size: int, p2p: IntArray, inverse: IntArray) -> FloatArray:
@@ -571,12 +735,12 @@ class _Told(NamedTuple):
 def _left_out(task: _Task, right: BoolArray) -> _Told:
     """Return what the right landmarks that are not of its own group say of each."""
     side_i, side_0 = task.side_i, task.side_0
-    few = tuple(side.samples(min(task.n_samples, _SAMPLES)) for side in (side_i, side_0))
+    few_i, few_0 = (side.samples(min(task.n_samples, _SAMPLES)) for side in (side_i, side_0))
     put, residuals = np.empty(len(right), dtype=np.int64), np.empty_like(side_i.at)
     trust = _trust(side_0, side_i.evecs.shape[1])
     for group in _groups(task):
         kept = right & ~np.isin(np.arange(len(right)), group)
-        C = _grown(tuple(side.only(kept) for side in few), _LONG_STEP)
+        C = _grown((few_i.only(kept), few_0.only(kept)), _LONG_STEP)
         found = side_i.at[group] @ C
         residuals[group] = found - side_0.at[group]
         put[group] = nearest_both(found * trust, side_0.evecs * trust)[0]
@@ -608,15 +772,6 @@ def _errors(places: FloatArray, told: _Told) -> FloatArray:
 
 def _doubtful(errors: FloatArray) -> BoolArray:
     return np.asarray(errors > max(_DOUBTFUL, _TIMES * float(np.median(errors))))
-
-
-def _exchanged(far: FloatArray, wrong: IntArray) -> list[tuple[int, int]]:
-    """Return pairs of wrong landmarks each of which is put nearest to the place of the other.
-
-    ``far`` holds the distance from the place of each (rows) to where each is put (columns).
-    """
-    nearest = {int(b): int(wrong[far[wrong, b].argmin()]) for b in wrong}
-    return [(a, b) for a, b in nearest.items() if a < b and nearest[b] == a]
 
 
 def _dense(

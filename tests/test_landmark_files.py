@@ -91,6 +91,12 @@ def test_fcsv_of_slicer_5_says_which_points_were_placed(tmp_path):
     _assert_are(_read(tmp_path, ".fcsv", text), {**POINTS, **more})
 
 
+def test_a_comma_outside_quotes_makes_no_point_of_fcsv_missing(tmp_path):
+    ends = ("left, upper,,vtkMRMLScalarVolumeNode1", "b,one,two,three,node,2,0", "c,,,")
+    rows = "".join(f"{i},{i},0,0,0,0,0,1,1,1,0,{end}\n" for i, end in enumerate(ends))
+    _assert_are(_read(tmp_path, ".fcsv", rows), {"left": [0, 0, 0], "b": [1, 0, 0], "c": [2, 0, 0]})
+
+
 def test_fcsv_of_slicer_3_has_other_columns(tmp_path):
     text = "# Fiducial List file x.fcsv\n# columns = label,x,y,z,sel,vis\nnose,1,2,3,1,1\n"
     _assert_are(_read(tmp_path, ".fcsv", text), {"nose": [1, 2, 3]})
@@ -217,6 +223,8 @@ def test_pts_of_landmark_editor(tmp_path):
         ("specimen,Point name,x,y,z\ncat,a,1,2,3\n,,,,\n", {"a": [1, 2, 3]}),
         ("nr,x,y,z\n2,1,2,3\n1,4,5,6\n", {"2": [1, 2, 3], "1": [4, 5, 6]}),
         ("1,2,3,\n,,,\n", {"1": [1, 2, 3], "2": NAN}),
+        ("x,y,z\n1,2,3,\n4,5,6,\n", {"1": [1, 2, 3], "2": [4, 5, 6]}),
+        ('"x" "y" "z"\n"nose" 1 2 3\n"chin" NA NA NA\n', {"nose": [1, 2, 3], "chin": NAN}),
     ],
 )
 def test_tables_of_many_kinds(tmp_path, text, expected):

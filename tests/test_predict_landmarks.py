@@ -24,6 +24,8 @@ from skfmap.geometry.normals import vertex_normals
 from skfmap.metrics import get_scorer
 from skfmap.model_selection import PinnedReference
 from skfmap.persistence import load_model, save_model
+from skfmap.refinement import BijectiveZoomOut
+from skfmap.registration import Registration
 from skfmap.shapes import SkippedShape
 
 BENDS = (0.0, 0.1, -0.1, 0.15, -0.15, 0.05)  # of the collection's bodies
@@ -116,6 +118,21 @@ def test_a_missing_landmark_costs_that_point_on_that_shape(
     size = np.sqrt(probed[5].spectral.area)
     for name in ("mark 3", "mark 7"):
         assert np.linalg.norm(marks.point(name) - true[NAMES.index(name)]) < 0.1 * size
+
+
+def test_measured_points_are_registered_by_default(probed, collection, measured):
+    learner = skfmap.WeightedFunctionalMapLearner(n_functions=12, confidence=None)
+    fitted = {
+        what: clone(learner).fit(probed[:3], truths[:3])
+        for what, truths in (("measured", measured), ("vertices", collection.truths))
+    }
+    assert isinstance(fitted["measured"].refine_, Registration)
+    assert isinstance(fitted["vertices"].refine_, BijectiveZoomOut)
+    assert fitted["measured"].refine == "auto"
+    (laid,) = fitted["measured"].register(probed[5:])
+    assert laid.fits
+    with pytest.raises(ValueError, match="refine must be one of"):
+        fitted["vertices"].match(probed[5:], refine="auto")
 
 
 def test_results_are_the_same_for_every_number_of_jobs(learner, probed, measured, measuring):

@@ -52,7 +52,9 @@ def run(options: argparse.Namespace) -> int:
         predict_landmarks,
         write,
         "Errors are in the units of the meshes, as means over landmarks; the largest is that of "
-        "the landmark named. They are blank where a shape is unlike the training specimens.",
+        "the landmark named. They are blank where a shape is unlike the training specimens. "
+        "The radius is of the ball that holds 90 % of an observer's points; it takes nine training "
+        "specimens beside the reference.",
         lambda: write_table(placed, together, overwrite=True),
     )
     return run_on_new_shapes(options, lambda _: work, work.suffix, also=[together])

@@ -105,11 +105,28 @@ def _split(
         if not lines and _is_comment(line):
             continue
         lines.append(_Line(f"line {number}", _cells(line, separator)))
-    if head is not None or not lines:
+    if not lines:
         return lines, head
-    if not any(line.cells[-1:] != [""] for line in lines):  # each line ends with a separator
+    n_usual = 0 if head is None else head.n
+    if all(len(line.cells) > n_usual and line.cells[-1] == "" for line in lines):
+        # Each line ends with a separator.
         lines = [line._replace(cells=line.cells[:-1]) for line in lines]
-    return lines, _without_head(path, lines)
+    if head is None:
+        return lines, _without_head(path, lines)
+    if head.name is None and all(len(line.cells) == head.n + 1 for line in lines):
+        return lines, _with_row_names(head)
+    return lines, head
+
+
+def _with_row_names(head: _Columns) -> _Columns:
+    """Return the columns of a table whose names of rows have no head, as R writes them."""
+    return head._replace(
+        at=[i + 1 for i in head.at],
+        name=0,
+        n=head.n + 1,
+        placed=None if head.placed is None else head.placed + 1,
+        errors={what: i + 1 for what, i in head.errors.items()},
+    )
 
 
 def _is_comment(line: str) -> bool:

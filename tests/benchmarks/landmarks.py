@@ -262,9 +262,7 @@ def learned(templates):
         model = make_pipeline(
             SpectralBasis(),
             DescriptorTransformer(),
-            WeightedFunctionalMapLearner(
-                n_functions=min(50, len(templates[0].landmarks) - 1), refine="register"
-            ),
+            WeightedFunctionalMapLearner(refine="register"),
         )
         meshes = [template.mesh for template in templates]
         with warnings.catch_warnings():
