@@ -2,18 +2,28 @@
 
 import struct
 import warnings
+from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
 import trimesh
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from skfmap import Mesh, check_mesh
-from skfmap.datasets import make_sphere
-from skfmap.exceptions import MeshError, RepairWarning
+from skfmap.commands.inputs import mesh_files
+from skfmap.datasets import load_collection, make_sphere
+from skfmap.exceptions import (
+    CorrespondenceError,
+    CoverageWarning,
+    MeshError,
+    RepairWarning,
+    SkippedShapeWarning,
+)
 from skfmap.geometry.polygons import triangulate
-from skfmap.io import read_arrays, read_mesh
+from skfmap.io import as_meshes, read_arrays, read_mesh, write_mesh
+from skfmap.shapes.crowded import crowded_points
 
 
 @pytest.fixture
@@ -363,3 +373,215 @@ def test_reading_is_quiet_where_nothing_is_wrong(write):
         warnings.simplefilter("error")
         mesh = read_mesh(write("a.off", "OFF\n4 1 0\n0 0 0\n1 0 0\n1 1 0\n0 1 0\n4 0 1 2 3\n"))
     assert isinstance(mesh, Mesh)
+
+
+# Tables of paths
+
+
+@pytest.fixture
+def three_paths(tmp_path):
+    paths = []
+    for i in range(3):
+        write_mesh(make_sphere(n_subdivisions=1 + i), tmp_path / f"s{i}.off")
+        paths.append(str(tmp_path / f"s{i}.off"))
+    return paths
+
+
+TABLES = {
+    "data frame": lambda paths: pd.DataFrame({"path": paths}),
+    "data frame, other index": lambda paths: pd.DataFrame({"file": paths}, index=[7, 3, 5]),
+    "series": lambda paths: pd.Series(paths, index=[7, 3, 5]),
+    "index": pd.Index,
+    "texts": np.array,
+    "objects": lambda paths: np.array(paths, dtype=object),
+    "a column of texts": lambda paths: np.array(paths)[:, None],
+    "a column of paths": lambda paths: np.array([Path(path) for path in paths])[:, None],
+    "categories": lambda paths: pd.Series(pd.Categorical(paths)),
+}
+
+
+@pytest.mark.parametrize("table", TABLES)
+def test_a_table_of_one_column_holds_meshes(three_paths, table):
+    meshes = as_meshes(TABLES[table](three_paths))
+    assert [mesh.n_vertices for mesh in meshes] == [18, 66, 258]
+
+
+@pytest.mark.parametrize(
+    ("table", "said"),
+    [
+        (lambda paths: pd.DataFrame({"id": [1, 2, 3], "path": paths}), r"2 columns \('id', 'path'"),
+        (lambda paths: np.array([paths, paths]).T, r"table of 2 columns.*X\[:, 0\]"),
+        (lambda paths: pd.DataFrame(index=[0, 1]), "0 columns"),
+    ],
+)
+def test_a_table_of_several_columns_is_an_error_that_says_so(three_paths, table, said):
+    with pytest.raises(TypeError, match=said):
+        as_meshes(table(three_paths))
+
+
+# Folders
+
+
+def _fill(folder, n=3):
+    """Write spheres s0, s1, ... whose vertices correspond by number."""
+    ball = make_sphere(n_subdivisions=2)
+    for i in range(n):
+        write_mesh(Mesh(ball.vertices * [1, 1, 1 + i], ball.faces), folder / f"s{i}.off")
+    return ball
+
+
+MISSING = ["", "NA", "nan", "NaN", "#N/A", "# missing", "#missing", "  ", "-1", "?", "null"]
+
+
+@pytest.mark.parametrize("missing", MISSING)
+@pytest.mark.parametrize("line", [0, 1, 10, 58, 59])
+@pytest.mark.parametrize("kind", [".vts", ".template.txt", ".vertices.txt"])
+def test_a_line_without_a_number_keeps_the_place_of_all_others(tmp_path, kind, line, missing):
+    """Of 60 points, however it is said that one is unknown, 59 are where they were."""
+    if missing == "-1" and kind == ".vts":
+        return  # these count from 1, and -1 is refused
+    ball = _fill(tmp_path)
+    n = ball.n_vertices if kind == ".vertices.txt" else 60
+    rng = np.random.default_rng(line)
+    numbers = [rng.permutation(ball.n_vertices)[:n] for _ in range(3)]
+    for i in range(3):
+        rows = (numbers[i] + (kind == ".vts")).astype(str).astype(object)
+        if i == 1:
+            rows[line] = missing
+        (tmp_path / f"s{i}{kind}").write_text("\n".join(rows) + "\n")
+    read = load_collection(tmp_path).correspondences
+    for i in range(3):
+        kept = np.flatnonzero(np.arange(n) != (line if i == 1 else -1))
+        want = np.stack([numbers[i][kept], kept], axis=1)
+        want = want[:, ::-1] if kind == ".vertices.txt" else want
+        assert sorted(map(tuple, read[i].pairs.tolist())) == sorted(map(tuple, want.tolist()))
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("1\n# the nose\n3\n", r"line 2: the comment '# the nose' stands between numbers"),
+        ("# of cat\n\n3\n", r"line 2 is empty, right behind a comment"),
+        ("1\nnose\n3\n", r"line 2: 'nose' is not one whole number"),
+        ("1\n2 3\n4\n", r"line 2: '2 3' is not one whole number"),
+        ("NA\n\n", r"every point of it is missing"),
+    ],
+)
+def test_a_line_whose_meaning_cannot_be_told_is_named(tmp_path, text, said):
+    _fill(tmp_path, 1)
+    (tmp_path / "s0.template.txt").write_text(text)
+    with pytest.raises(CorrespondenceError, match=rf"s0\.template\.txt.*{said}"):
+        load_collection(tmp_path)
+
+
+def test_heads_and_comments_behind_numbers_are_no_points(tmp_path):
+    _fill(tmp_path, 1)
+    text = "# vertex of each point\n# by hand\n5 # nose\n# missing\n7,\n"
+    for encoding in ("utf-8", "utf-16", "latin-1"):
+        (tmp_path / "s0.template.txt").write_bytes(text.encode(encoding))
+        assert load_collection(tmp_path).correspondences[0].pairs.tolist() == [[5, 0], [7, 2]]
+
+
+def test_nan_in_an_array_is_a_missing_point(tmp_path):
+    _fill(tmp_path, 1)
+    np.save(tmp_path / "s0.template.npy", [3.0, np.nan, 5.0])
+    assert load_collection(tmp_path).correspondences[0].pairs.tolist() == [[3, 0], [5, 2]]
+
+
+@pytest.mark.parametrize("sentinel", [0, 65, 9999])
+@pytest.mark.parametrize("kind", [".template.txt", ".vertices.txt"])
+def test_a_number_that_stands_for_none_is_warned_of(tmp_path, kind, sentinel):
+    if kind == ".template.txt" and sentinel > 65:
+        return  # no such vertex: refused
+    _fill(tmp_path)
+    for i in range(3):
+        numbers = np.arange(66)
+        numbers[40 : 55 if i == 1 else 40] = sentinel
+        np.savetxt(tmp_path / f"s{i}{kind}", numbers, fmt="%d")
+    n = 15 + (sentinel < 66)
+    with pytest.warns(CoverageWarning, match=rf"'s1' \(.* {sentinel} stands for {n} of 66") as told:
+        load_collection(tmp_path)
+    assert "'s0'" not in str(told[0].message)
+
+
+@settings(max_examples=40, deadline=None)
+@given(n=st.integers(1, 400), coarse=st.integers(1, 400), seed=st.integers(0, 99))
+def test_templates_and_meshes_of_other_resolutions_are_not_warned_of(n, coarse, seed):
+    """Nearest points of one even sampling of a circle on another."""
+    start = np.random.default_rng(seed).random()
+    nearest = np.floor((np.arange(n) / n + start) % 1 * coarse).astype(int)
+    assert crowded_points(np.arange(n), nearest) == ""
+
+
+@pytest.mark.parametrize(
+    "change", ["rotated", "reordered", "three cut away", "turned", "diagonals"]
+)
+def test_meshes_numbered_alike_correspond_by_number_whatever_their_faces(tmp_path, change):
+    ball = make_sphere(n_subdivisions=2)
+    rng = np.random.default_rng(0)
+    faces = {
+        "rotated": np.roll(ball.faces, 1, axis=1),
+        "reordered": rng.permutation(ball.faces),
+        "three cut away": np.delete(ball.faces, [5, 40, 90], axis=0),
+        "turned": ball.faces[:, ::-1],
+        "diagonals": _other_diagonals(ball.faces),
+    }[change]
+    write_mesh(ball, tmp_path / "a.off")
+    write_mesh(Mesh(ball.vertices * [1, 1, 2], faces), tmp_path / "b.off")
+    data = load_collection(tmp_path)
+    assert "by number" in data.DESCR
+    assert data.correspondences[1].pairs.tolist() == [[i, i] for i in range(66)]
+
+
+def _other_diagonals(faces):
+    """Turn the edge between each of some pairs of neighbouring faces."""
+    faces, done = faces.copy(), set()
+    for i, one in enumerate(faces.tolist()):
+        for j in range(i + 1, len(faces)):
+            common = set(one) & set(faces[j].tolist())
+            if len(common) == 2 and not {i, j} & done:
+                (a,), (b,) = set(one) - common, set(faces[j].tolist()) - common
+                at = one.index(a)
+                p, q = one[(at + 1) % 3], one[(at + 2) % 3]
+                faces[i], faces[j] = (a, p, b), (a, b, q)
+                done |= {i, j}
+                break
+    return faces
+
+
+def test_by_number_can_be_asked_for(tmp_path):
+    ball = make_sphere(n_subdivisions=2)
+    order = np.random.default_rng(1).permutation(66)
+    write_mesh(ball, tmp_path / "a.off")
+    write_mesh(Mesh(ball.vertices[order], np.argsort(order)[ball.faces]), tmp_path / "b.off")
+    with pytest.raises(CorrespondenceError, match=r"'b' has other faces.*by_number=True"):
+        load_collection(tmp_path)
+    (tmp_path / "a.txt").write_text("0 0\n1 1\n")
+    data = load_collection(tmp_path, by_number=True)
+    assert data.correspondences[1].pairs.tolist() == [[i, i] for i in range(66)]
+    write_mesh(make_sphere(n_subdivisions=1), tmp_path / "c.off")
+    with pytest.raises(CorrespondenceError, match="'c' has 18 vertices, but 'a' has 66"):
+        load_collection(tmp_path, by_number=True)
+
+
+def test_formats_that_are_not_read_are_named(tmp_path):
+    _fill(tmp_path)
+    for name in ("s0.vtk", "t.msh", "lh.pial", "u.wrl", ".hidden.msh", "notes.txt", "s1.png"):
+        (tmp_path / name).write_bytes(b"")
+    with pytest.warns(SkippedShapeWarning) as told:
+        names = load_collection(tmp_path).names
+    assert names == ["s0", "s1", "s2"]
+    (message,) = [str(one.message) for one in told]
+    assert "lh.pial, t.msh, u.wrl are left out" in message
+    assert "MeshLab" in message
+    with pytest.raises(FileNotFoundError, match=r"no mesh 't'.*t\.msh.*meshio"):
+        load_collection(tmp_path, "t")
+    with pytest.raises(MeshError, match=r"'\.fbx'.*Blender saves it"):
+        read_mesh(tmp_path / "a.fbx")
+
+
+def test_the_command_line_names_them_too(tmp_path):
+    _fill(tmp_path, 1)
+    (tmp_path / "lh.pial").write_bytes(b"")
+    with pytest.warns(SkippedShapeWarning, match=r"lh\.pial"):
+        assert [path.name for path in mesh_files([tmp_path])] == ["s0.off"]

@@ -26,6 +26,7 @@ from skfmap._tools.warn import warn
 from skfmap.exceptions import MeshError, RepairWarning
 from skfmap.geometry.faults import sound_faces
 from skfmap.geometry.polygons import triangulate
+from skfmap.io.formats import MESH_SUFFIXES, READ_SUFFIXES, remedy_for
 from skfmap.io.obj import read_obj
 from skfmap.io.off import read_off
 from skfmap.io.ply import read_ply
@@ -33,8 +34,6 @@ from skfmap.io.scenes import read_gltf, read_stl
 from skfmap.shapes import GivenMesh, Mesh, Registered, SkippedShape
 
 __all__ = [
-    "MESH_SUFFIXES",
-    "READ_SUFFIXES",
     "as_arrays",
     "as_far_as_sound",
     "as_mesh",
@@ -47,12 +46,6 @@ __all__ = [
     "read_mesh",
     "write_mesh",
 ]
-
-MESH_SUFFIXES = (".off", ".obj", ".ply", ".stl")
-"""Formats that are read and written."""
-
-READ_SUFFIXES = (*MESH_SUFFIXES, ".glb", ".gltf")
-"""Formats that are read."""
 
 # What single precision may lose of the extent of a mesh: about a hundredth of a mean edge of 5,000
 # vertices. Its seven digits do so where a mesh is 1,700 times its extent away from the origin.
@@ -124,6 +117,7 @@ def read_arrays(path: str | Path) -> tuple[FloatArray, IntArray]:
     if suffix not in READ_SUFFIXES:
         raise MeshError(
             f"{path} has the suffix {suffix!r}; skfmap reads {', '.join(READ_SUFFIXES)}."
+            f"{remedy_for(suffix)}"
         )
     if not path.is_file():
         raise FileNotFoundError(f"There is no mesh file {path}.")
