@@ -124,12 +124,13 @@ class WeightedFunctionalMapLearner(CallbackSupportMixin, Versioned, BaseEstimato
         searches that only compare scores. Matches have no ``expected_error`` and ``confidence``
         (None) then, and nothing warns of contradicting correspondences. Of unfamiliar shapes
         nothing warns but ``refine="register"``; without that ``familiar`` is None.
-    known_maps : {"auto", "pairs", "from-landmarks"}, KnownMaps or None, default="auto"
+    known_maps : {"auto", "pairs", "from-landmarks", "in-space"}, KnownMaps or None, default="auto"
         Where the known maps of training shapes come from. ``"pairs"``, or None: from the pairs as
         they are given, of which there must be at least ``n_functions``. ``"from-landmarks"``: for
         shapes that share fewer than twice as many with the reference, but 8 landmarks or more,
-        dense maps are built (`skfmap.known_maps.FromLandmarks`). ``"auto"`` decides by what is
-        given, and says what it did in ``known_maps_``.
+        dense maps are built (`skfmap.known_maps.FromLandmarks`). ``"in-space"``: likewise, for
+        stiff kinds (`skfmap.known_maps.InSpace`). ``"auto"`` decides by what is given, and says
+        what it did in ``known_maps_``.
     reference : str, default="first"
         ``"first"``: the first training shape. ``"medoid"``: the training shape whose geodesic
         distances differ least from all others'. Else the name of a training shape.
