@@ -127,6 +127,12 @@ class BuiltMap(NamedTuple):
     exchanged: list[tuple[int, int]]
     gap: float = 0.0
 
+    @property
+    def error(self) -> float:
+        """Mean of ``errors`` at landmarks that are not wrong; 0 where that was not asked."""
+        known = self.errors[~self.wrong & np.isfinite(self.errors)]
+        return float(known.mean()) if len(known) else 0.0
+
 
 class KnownMapsRecord(NamedTuple):
     """What a fitted learner remembers of how its known maps came about (``known_maps_``).
