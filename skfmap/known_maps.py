@@ -14,15 +14,17 @@ import numpy as np
 from skfmap._tools.caching import MemoryLike, cached, hash_of_arrays
 from skfmap._tools.parallel import map_shapes, threads_within
 from skfmap._tools.part import Part
-from skfmap._tools.types import BoolArray, FloatArray, IntArray
+from skfmap._tools.types import BoolArray, FloatArray, IntArray, SparseMatrix
 from skfmap._tools.validation import check_number, label
 from skfmap.exceptions import CorrespondenceError
 from skfmap.functional.from_landmarks import map_from_landmarks
 from skfmap.functional.neighbours import nearest_both
 from skfmap.functional.refinement import beyond, map_from_point_maps
 from skfmap.functional.samples import areas_of_samples, farthest_points
+from skfmap.functional.similarity import MIRROR, STIFF, TELLING, left_by_similarities
 from skfmap.geometry.geodesics import heat_distances
 from skfmap.ground_truth import check_landmarks, distinct_landmarks
+from skfmap.registration.by_landmarks import LandmarkBuild, build_in_space
 from skfmap.shapes import JoinedPairs, ProbedShape, SpectralShape
 
 __all__ = [
@@ -31,6 +33,7 @@ __all__ = [
     "BuiltMap",
     "FromLandmarks",
     "GivenPairs",
+    "InSpace",
     "KnownMaps",
     "KnownMapsRecord",
     "PairsAsGiven",
@@ -39,7 +42,7 @@ __all__ = [
     "told_of",
 ]
 
-PAIRS, FROM_LANDMARKS = "pairs", "from-landmarks"
+PAIRS, FROM_LANDMARKS, IN_SPACE = "pairs", "from-landmarks", "in-space"
 
 # Fewest distinct landmarks that a map is built from.
 _FEWEST = 8
@@ -272,23 +275,49 @@ class FromLandmarks(KnownMaps):
         return map_shapes(_build, arguments, n_jobs=given.n_jobs, verbose=0, prefer="threads")
 
 
+class InSpace(FromLandmarks):
+    """Known maps from a few landmarks, for stiff kinds, of which space tells more than functions.
+
+    The reference is moved by the similarity of the landmarks, then deformed as little as can be
+    until the landmarks and the closest points of the surface meet; landmarks are not held, as
+    nobody places them exactly. Parameters are those of `FromLandmarks`; ``enough`` alone counts.
+
+    Examples
+    --------
+    >>> import skfmap
+    >>> from skfmap.known_maps import InSpace
+    >>> skfmap.WeightedFunctionalMapLearner(known_maps=InSpace()).known_maps
+    InSpace()
+    """
+
+    def build(self, given: GivenPairs) -> list[BuiltMap]:
+        """Return the pairs of each map that was built, or those given where they are enough."""
+        for shape, join in zip(given.shapes, given.joins, strict=True):
+            self.check(shape, given.reference, join, given.k)
+        arguments = ((self, given, i) for i in range(len(given.shapes)))
+        return map_shapes(_laid, arguments, n_jobs=given.n_jobs, verbose=0, prefer="threads")
+
+
 class AutoKnownMaps(FromLandmarks):
     """Pairs as given where they are enough, else maps that are built from the landmarks.
 
-    What was done is in the learner's ``known_maps_``. Parameters are those of `FromLandmarks`.
+    In space where a similarity explains the landmarks, in functions elsewhere. What was done is in
+    the learner's ``known_maps_``. Parameters are those of `FromLandmarks`.
     """
 
     def build(self, given: GivenPairs) -> list[BuiltMap]:
         """Return what `kind_of` chooses."""
-        if kind_of(given, self.enough) == PAIRS:
-            return PairsAsGiven().build(given)
-        return super().build(given)
+        kind = kind_of(given, self.enough)
+        if kind == IN_SPACE:
+            return InSpace(enough=self.enough).build(given)
+        return PairsAsGiven().build(given) if kind == PAIRS else super().build(given)
 
 
 KNOWN_MAPS: dict[str, type[KnownMaps]] = {
     "auto": AutoKnownMaps,
     PAIRS: PairsAsGiven,
     FROM_LANDMARKS: FromLandmarks,
+    IN_SPACE: InSpace,
 }
 """What the learner's words stand for."""
 
@@ -296,11 +325,25 @@ KNOWN_MAPS: dict[str, type[KnownMaps]] = {
 def kind_of(given: GivenPairs, enough: float = _ENOUGH) -> str:
     """Return how known maps of a collection are found: the word of a part.
 
-    ``"pairs"`` where all shapes share enough distinct pairs with the reference.
+    ``"pairs"`` where all shapes share enough distinct pairs with the reference, else ``"in-space"``
+    where a similarity explains the landmarks of most.
     """
     if all(distinct_landmarks(join) >= enough * given.k for join in given.joins):
         return PAIRS
-    return FROM_LANDMARKS
+    return IN_SPACE if _are_stiff(given) else FROM_LANDMARKS
+
+
+def _are_stiff(given: GivenPairs) -> bool:
+    left = [
+        left_by_similarities(
+            shape.spectral.vertices_at(join.vertices_i, join.places_i),
+            given.reference.spectral.vertices_at(join.vertices_0, join.places_0),
+            join.weights,
+        )[0]
+        for shape, join in zip(given.shapes, given.joins, strict=True)
+        if distinct_landmarks(join) >= TELLING
+    ]
+    return bool(left) and float(np.median(left)) <= STIFF
 
 
 def record_of(
@@ -442,6 +485,49 @@ def _called(point: int, names: Sequence[str] | None) -> str:
 def _as_given(join: JoinedPairs) -> BuiltMap:
     n, none = len(join.points), np.empty((0, 0))
     return BuiltMap(join, PAIRS, np.zeros(n, dtype=bool), np.full(n, np.nan), none, [])
+
+
+def _laid(part: InSpace, given: GivenPairs, i: int) -> BuiltMap:
+    shape, reference, join = given.shapes[i], given.reference, given.joins[i]
+    if distinct_landmarks(join) >= part.enough * given.k:
+        return _as_given(join)
+    spectral, spectral_0 = shape.spectral, reference.spectral
+    places_0 = spectral_0.place_matrix(join.vertices_0, join.places_0)
+    at_0 = np.asarray(places_0 @ spectral_0.vertices)
+    points = spectral.vertices_at(join.vertices_i, join.places_i)
+    vertices, faces = spectral.vertices, spectral.mesh.faces
+    rotated, reflected = left_by_similarities(points, at_0, join.weights)
+    if reflected <= STIFF < rotated:  # a mirrored specimen; its image is laid on
+        points, vertices, faces = points * MIRROR, vertices * MIRROR, faces[:, ::-1]
+    task = _InSpace(spectral_0, vertices, faces, places_0, points)
+    key = hash_of_arrays(
+        spectral_0.vertices, spectral_0.mesh.faces, vertices, faces, places_0.toarray(), points
+    )
+    built = cached(_built_in_space, given.memory)(task, key)
+    apart = np.linalg.norm(at_0[:, None] - spectral_0.vertices[built.put][None], axis=2)
+    exchanged = [(int(join.points[a]), int(join.points[b])) for a, b in built.exchanged]
+    missed = spectral_0.evecs[built.put] - places_0 @ spectral_0.evecs
+    return BuiltMap(
+        _dense(spectral, spectral_0, built.p2p, built.inverse),
+        IN_SPACE,
+        built.wrong,
+        np.diag(apart).copy(),
+        missed[~built.wrong],
+        exchanged,
+    )
+
+
+class _InSpace(NamedTuple):
+    spectral_0: SpectralShape
+    vertices: FloatArray
+    faces: IntArray
+    places_0: SparseMatrix
+    points: FloatArray
+
+
+def _built_in_space(task: _InSpace, content_hash: str) -> LandmarkBuild:  # noqa: ARG001
+    surface = task.vertices, task.faces
+    return build_in_space(task.spectral_0, surface, task.places_0, task.points)
 
 
 class _Side(NamedTuple):

@@ -3,8 +3,10 @@
 import codecs
 import copy
 import json
+import os
 import pickle
 import re
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -19,8 +21,25 @@ from skfmap.exceptions import CorrespondenceError, RepairWarning, SkippedShapeWa
 from skfmap.io import read_landmarks, write_landmarks, write_mesh
 from skfmap.persistence import TRUSTED_TYPES
 
+HUNTED = settings(
+    suppress_health_check=[HealthCheck.function_scoped_fixture], deadline=None, max_examples=50
+)
+DATA = Path(os.environ.get("SKFMAP_DATA", Path(__file__).resolve().parents[2] / "shared" / "data"))
 NAN = [np.nan] * 3
 WRITTEN = (".fcsv", ".mrk.json", ".pp", ".tps", ".pts", ".csv")
+
+
+@pytest.fixture
+def predicted():
+    points = [[1, 2, 3], NAN, [4, 5, 6]]
+    return Landmarks(
+        points,
+        ["a", "b", "c"],
+        name="cat",
+        expected_error=[0.1, np.nan, 0.2],
+        radius=[1 / 3, np.nan, 2 / 3],
+        coverage=0.9,
+    )
 
 
 def _read(tmp_path, suffix, text, **options):
@@ -70,6 +89,12 @@ def test_fcsv_of_slicer_5_says_which_points_were_placed(tmp_path):
     )
     more = {"undefined": NAN, "defined": [7, 8, 9], "preview": NAN, "nowhere": NAN}
     _assert_are(_read(tmp_path, ".fcsv", text), {**POINTS, **more})
+
+
+def test_a_comma_outside_quotes_makes_no_point_of_fcsv_missing(tmp_path):
+    ends = ("left, upper,,vtkMRMLScalarVolumeNode1", "b,one,two,three,node,2,0", "c,,,")
+    rows = "".join(f"{i},{i},0,0,0,0,0,1,1,1,0,{end}\n" for i, end in enumerate(ends))
+    _assert_are(_read(tmp_path, ".fcsv", rows), {"left": [0, 0, 0], "b": [1, 0, 0], "c": [2, 0, 0]})
 
 
 def test_fcsv_of_slicer_3_has_other_columns(tmp_path):
@@ -195,6 +220,11 @@ def test_pts_of_landmark_editor(tmp_path):
         ("# by hand\n#1,1,2,3\n#2,4,5,6\n", {"#1": [1, 2, 3], "#2": [4, 5, 6]}),
         ("ID,X (mm),Y (mm),Z (mm),note\r\np,1,2,3,ok\r\n", {"p": [1, 2, 3]}),
         (',"x","y","z"\n"1",1,2,3\n', {"1": [1, 2, 3]}),
+        ("specimen,Point name,x,y,z\ncat,a,1,2,3\n,,,,\n", {"a": [1, 2, 3]}),
+        ("nr,x,y,z\n2,1,2,3\n1,4,5,6\n", {"2": [1, 2, 3], "1": [4, 5, 6]}),
+        ("1,2,3,\n,,,\n", {"1": [1, 2, 3], "2": NAN}),
+        ("x,y,z\n1,2,3,\n4,5,6,\n", {"1": [1, 2, 3], "2": [4, 5, 6]}),
+        ('"x" "y" "z"\n"nose" 1 2 3\n"chin" NA NA NA\n', {"nose": [1, 2, 3], "chin": NAN}),
     ],
 )
 def test_tables_of_many_kinds(tmp_path, text, expected):
@@ -263,11 +293,12 @@ def test_encodings_and_ends_of_lines(tmp_path, encode, end):
         (".tps", "LM3=1\n1 2\n", "line 2: 2 numbers, where three"),
         (".tps", TPS, "line 3: the landmark is known in part"),
         (".tps", "LM3=1\n1 2 3\nSCALE=0\n", "specimen of line 1: SCALE=0 is no number above zero"),
+        (".tps", "LM3=1\n1 2 1e300\nSCALE=1e9\n", "line 2: multiplied by SCALE=1e.09 .*Correct"),
         (".pts", "1 2 3\n", "line 1: it begins with '1 2 3'.*name it .txt"),
         (".pts", "Version 1.0\nS0 1 2 3\n", "line 2: the number of points must follow"),
         (".pts", "Version 1.0\n2\nS0 1 2 3\n", "2 points are said to follow, but there are 1"),
         (".pts", "Version 1.0\n1\nS0 1\n", "line 3: 'S0 1' is no name with three coordinates"),
-        (".csv", "some words\n", "line 1: 'some words' is neither a head.*name,x,y,z"),
+        (".csv", "some words\n", "line 1: 'some words' is neither a head.*name,x,y,z.*in quotes"),
         (".csv", "1,2\n", "line 1: '1,2' is neither"),
         (".csv", "1,5,2,5,3,5\n", "line 1: '1,5,2,5,3,5' is neither"),
         (".csv", "x,y,z\n", "holds no landmark"),
@@ -284,6 +315,26 @@ def test_a_fault_names_the_file_the_line_and_the_remedy(tmp_path, suffix, text, 
     with pytest.raises(CorrespondenceError, match=f"(?s){message}") as error:
         _read(tmp_path, suffix, text)
     assert f"cat_Landmarks{suffix}" in str(error.value)
+
+
+@HUNTED
+@given(
+    cut=st.tuples(st.floats(0, 1), st.integers(0, 40)),
+    other=st.sampled_from([b"", b"\0", b"\xe9", b"nan", b"1e308", b",", b'"', b"<", b"\n", b"-1"])
+    | st.binary(max_size=3),
+)
+@pytest.mark.parametrize("suffix", WRITTEN)
+def test_a_damaged_file_is_read_or_named(tmp_path, predicted, suffix, cut, other):
+    path = tmp_path / f"cat{suffix}"
+    write_landmarks(predicted, path, overwrite=True)
+    content = path.read_bytes()
+    start = round(cut[0] * len(content))
+    path.write_bytes(content[:start] + other + content[start + cut[1] :])
+    try:
+        said = f"{path}: {read_landmarks(path)}"
+    except CorrespondenceError as error:
+        said = str(error)
+    assert str(path) in said
 
 
 def test_what_is_no_landmark_file_is_refused(tmp_path):
@@ -308,7 +359,7 @@ NUMBERS = st.floats(allow_nan=False, allow_infinity=False).filter(
 ROWS = st.lists(st.tuples(NUMBERS, NUMBERS, NUMBERS) | st.just(tuple(NAN)), min_size=1, max_size=5)
 
 
-@settings(suppress_health_check=[HealthCheck.function_scoped_fixture], deadline=None)
+@HUNTED
 @given(rows=ROWS, data=st.data())
 @pytest.mark.parametrize("suffix", WRITTEN)
 def test_what_was_written_is_read_to_the_last_bit(tmp_path, suffix, rows, data):
@@ -323,19 +374,6 @@ def test_what_was_written_is_read_to_the_last_bit(tmp_path, suffix, rows, data):
         assert again.names == Landmarks(rows).names
     else:
         assert again.names == landmarks.names
-
-
-@pytest.fixture
-def predicted():
-    points = [[1, 2, 3], NAN, [4, 5, 6]]
-    return Landmarks(
-        points,
-        ["a", "b", "c"],
-        name="cat",
-        expected_error=[0.1, np.nan, 0.2],
-        radius=[1 / 3, np.nan, 2 / 3],
-        coverage=0.9,
-    )
 
 
 def test_a_table_keeps_expected_errors_radii_and_what_they_cover(tmp_path, predicted):
@@ -595,6 +633,22 @@ def test_a_landmark_lies_between_vertices(tmp_path):
     assert_allclose(np.sort(places.weights, axis=1), np.tile(weights, (9, 1)), atol=1e-9)
 
 
+def test_landmarks_lie_on_files_without_vertex_numbers(folder, collection, placed):
+    for i in range(3):
+        (folder / f"body{i}.off").unlink()
+        write_mesh(collection.meshes[i], folder / f"body{i}.stl")
+        write_landmarks(placed(i), folder / f"body{i}.tsv.csv")
+    with pytest.raises(CorrespondenceError, match="no correspondence files"):
+        load_collection(folder)
+    for i in range(3):
+        (folder / f"body{i}.tsv.csv").rename(folder / f"body{i} landmarks.csv")
+    data = load_collection(folder)
+    for i, truth in enumerate(data.correspondences):
+        vertices = data.meshes[i].vertices[truth.pairs[:, 0]]
+        at = placed(i).points[[placed(i).names.index(truth.names[t]) for t in truth.pairs[:, 1]]]
+        assert_allclose(vertices, at, atol=1e-6)
+
+
 def test_points_of_one_name_have_one_number_in_all_correspondences(folder, placed):
     for i in range(3):
         write_landmarks(placed(i, lacking=range(i)), folder / f"body{i}.csv")
@@ -611,6 +665,27 @@ def test_landmarks_without_a_name_in_common_are_refused(folder, placed):
     message = "'body2' has no landmark of the same name as 'body0': tom-0, .* against F-0, .*alike"
     with pytest.raises(CorrespondenceError, match=message):
         load_collection(folder)
+
+
+@pytest.mark.tosca
+@pytest.mark.skipif(not (DATA / "mandibles").is_dir(), reason="the mandibles are not here")
+def test_a_folder_of_mandibles_is_loaded_as_it_is():
+    data = load_collection(DATA / "mandibles", "152_*")
+    for mesh, marks, truth in zip(data.meshes, data.landmarks, data.correspondences, strict=True):
+        file = DATA / "mandibles" / f"{mesh.name}_Landmarks.fcsv"
+        assert marks.names == tuple(str(i) for i in range(1, 14))
+        at = np.loadtxt(file, delimiter=",", usecols=(1, 2, 3), comments="#")
+        assert_array_equal(marks.points, at)
+        assert np.median(truth.distance) < 0.01 * np.ptp(mesh.vertices, axis=0).max()
+
+
+@pytest.mark.tosca
+@pytest.mark.skipif(not (DATA / "skulls").is_dir(), reason="the skulls are not here")
+def test_a_broken_skull_is_loaded_with_its_landmarks():
+    with pytest.warns(RepairWarning, match="WSB.*NaN"):
+        data = load_collection(DATA / "skulls", "W*")
+    assert len(data.correspondences[0].pairs) == len(data.landmarks[0].names) == 51
+    assert np.isfinite(data.correspondences[0].distance).all()
 
 
 # Landmarks themselves

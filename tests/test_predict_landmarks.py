@@ -24,6 +24,9 @@ from skfmap.geometry.normals import vertex_normals
 from skfmap.metrics import get_scorer
 from skfmap.model_selection import PinnedReference
 from skfmap.persistence import load_model, save_model
+from skfmap.refinement import BijectiveZoomOut
+from skfmap.registration import Registration
+from skfmap.report import evaluate_landmarks
 from skfmap.shapes import SkippedShape
 
 BENDS = (0.0, 0.1, -0.1, 0.15, -0.15, 0.05)  # of the collection's bodies
@@ -116,6 +119,21 @@ def test_a_missing_landmark_costs_that_point_on_that_shape(
     size = np.sqrt(probed[5].spectral.area)
     for name in ("mark 3", "mark 7"):
         assert np.linalg.norm(marks.point(name) - true[NAMES.index(name)]) < 0.1 * size
+
+
+def test_measured_points_are_registered_by_default(probed, collection, measured):
+    learner = skfmap.WeightedFunctionalMapLearner(n_functions=12, confidence=None)
+    fitted = {
+        what: clone(learner).fit(probed[:3], truths[:3])
+        for what, truths in (("measured", measured), ("vertices", collection.truths))
+    }
+    assert isinstance(fitted["measured"].refine_, Registration)
+    assert isinstance(fitted["vertices"].refine_, BijectiveZoomOut)
+    assert fitted["measured"].refine == "auto"
+    (laid,) = fitted["measured"].register(probed[5:])
+    assert laid.fits
+    with pytest.raises(ValueError, match="refine must be one of"):
+        fitted["vertices"].match(probed[5:], refine="auto")
 
 
 def test_results_are_the_same_for_every_number_of_jobs(learner, probed, measured, measuring):
@@ -239,3 +257,19 @@ def test_radii_hold_what_they_promise(n_shapes):
         scales = shrunk_scales(drawn[:-1])
         held.append((drawn[-1] <= pooled_quantile(drawn[:-1], scales, 0.9) * scales).mean())
     assert 0.86 < np.mean(held) < 0.94
+
+
+def test_what_the_fit_left_out_is_about_what_fits_without_it_find(
+    measuring, probed, measured, points_on_bodies
+):
+    marks = [truth.landmarks for truth in measured[:5]]
+    fitted = evaluate_landmarks(measuring, probed[:5], measured[:5], marks)
+    anew = evaluate_landmarks(measuring, probed[:5], measured[:5], marks, cv=4)
+    assert [one.name for one in fitted.predicted] == [f"body{i}" for i in range(1, 5)]
+    left, sizes = measuring.landmarks_.left_out, [np.sqrt(s.spectral.area) for s in probed[1:5]]
+    order = np.argsort(left.indices)
+    np.testing.assert_allclose(fitted.errors, left.distances[order] * np.array(sizes)[:, None])
+    assert 0.7 < fitted.errors.mean() / anew.errors.mean() < 1.4
+    # Errors to expect of a specimen are those of the others.
+    own = shrunk_scales(left.distances[order][1:])
+    np.testing.assert_allclose(fitted.expected[0], sizes[0] * own)

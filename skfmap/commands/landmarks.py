@@ -6,10 +6,12 @@ from typing import Any
 
 import numpy as np
 
-import skfmap
+from skfmap._tools.types import FloatArray
+from skfmap._tools.validation import check_number
 from skfmap.commands.new_shapes import Result, Work, add_common, run_on_new_shapes
 from skfmap.io import write_landmarks
 from skfmap.landmarks import write_table
+from skfmap.learner import predict_landmarks
 from skfmap.shapes import Landmarks
 
 __all__ = ["DESCRIPTION", "FORMATS", "HELP", "add_arguments", "run"]
@@ -33,10 +35,25 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="of the files: 3D Slicer (fcsv, the default, and mrk.json), MeshLab (pp), tps, "
         "Landmark Editor (pts), or a table (csv)",
     )
+    parser.add_argument(
+        "--on-surface",
+        action="store_true",
+        help="put points onto the surface, also where the observer places them off it",
+    )
+    parser.add_argument(
+        "--coverage",
+        type=float,
+        default=0.9,
+        help="share of an observer's points that radii are to hold (default: %(default)s; that "
+        "takes nine training specimens beside the reference)",
+    )
 
 
 def run(options: argparse.Namespace) -> int:
     """Place landmarks, and return the exit status."""
+    if check_number(options.coverage, "--coverage", low=0, strict=True) >= 1:
+        raise ValueError(f"--coverage must be below 1, for instance 0.9; got {options.coverage}.")
+    suffix = f".{options.format}"
     together, placed = options.output / "landmarks.csv", list[Landmarks]()
 
     def write(found: Landmarks, path: Path) -> Result:
@@ -46,29 +63,41 @@ def run(options: argparse.Namespace) -> int:
         placed.append(found)
         return _result(found)
 
-    predict: Any = skfmap.predict_landmarks
-    work = Work(
-        f".{options.format}",
-        ("landmarks", "expected error", "largest", "at", "radius"),
-        predict,
-        write,
-        "Errors are in the units of the meshes, as means over landmarks; the largest is that of "
-        "the landmark named.",
-        lambda: write_table(placed, together, overwrite=True),
-    )
-    return run_on_new_shapes(options, lambda _: work, work.suffix, also=[together])
+    def work(learner: Any) -> Work:
+        if getattr(learner, "landmarks_", None) is None:
+            raise ValueError(
+                f"{options.model} was trained without landmarks; train it on a folder that has a "
+                "file of landmarks beside each mesh."
+            )
+        return Work(
+            suffix,
+            ("landmarks", "expected error", "largest", "at", "radius"),
+            lambda learner, shapes: predict_landmarks(
+                learner, shapes, coverage=options.coverage, on_surface=options.on_surface
+            ),
+            write,
+            "Errors are in the units of the meshes, as means over landmarks; the largest is that "
+            "of the landmark named. They are blank where a shape is unlike the training specimens. "
+            f"The radius is of the ball that holds {options.coverage:.0%} of an observer's points; "
+            "it is blank where there are too few training specimens to tell.",
+            lambda: write_table(placed, together, overwrite=True),
+        )
+
+    return run_on_new_shapes(options, work, suffix, also=[together])
 
 
 def _result(found: Landmarks) -> Result:
-    mean, largest, at = _errors(found.expected_error, found.names)
-    radius = None if found.radius is None else float(np.nanmean(found.radius))
     n_placed = f"{int(found.placed.sum())} of {len(found.names)}"
-    return Result((n_placed, mean, largest, at, radius), (mean or 0.0, largest or 0.0))
+    mean, radius = (_mean(one) for one in (found.expected_error, found.radius))
+    if found.expected_error is None or mean is None:
+        return Result((n_placed, None, None, None, radius), (np.inf,))
+    worst = int(np.nanargmax(found.expected_error))
+    largest = float(found.expected_error[worst])
+    return Result((n_placed, mean, largest, found.names[worst], radius), (mean,))
 
 
-def _errors(expected: Any, names: tuple[str, ...]) -> tuple[float | None, float | None, str | None]:
-    """Return mean and largest error to expect, and of which landmark the largest is."""
-    if expected is None or np.isnan(expected).all():
-        return None, None, None
-    worst = int(np.nanargmax(expected))
-    return float(np.nanmean(expected)), float(expected[worst]), names[worst]
+def _mean(values: FloatArray | None) -> float | None:
+    """Return the mean of what is known; None where nothing is."""
+    if values is None or np.isnan(values).all():
+        return None
+    return float(np.nanmean(values))

@@ -94,7 +94,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--folds",
         type=int,
-        help="leave shapes out in so many groups (default: one at a time)",
+        default=10,
+        help="in how many groups shapes are left out (default: 10; fewer shapes one at a time)",
     )
     parser.add_argument(
         "--no-evaluation", action="store_true", help="do not leave shapes out: only train"
@@ -108,8 +109,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Train, evaluate, and return the exit status."""
-    if options.folds is not None:
-        check_number(options.folds, "--folds", low=2, integer=True)
+    check_number(options.folds, "--folds", low=2, integer=True)
     page, errors = options.output.with_suffix(".html"), _errors_path(options.output)
     check_model_path(options.output)
     evaluated = () if options.no_evaluation else (page, errors)
@@ -214,7 +214,7 @@ def _evaluated(
     n_used = sum(not isinstance(shape, SkippedShape) for shape in shapes)
     if n_used < 3:
         return [f"Nothing was left out: that takes three shapes, and {n_used} can be used."]
-    how = {"cv": options.folds or n_used, "verbose": 0 if options.quiet else 1}
+    how = {"cv": options.folds, "verbose": 0 if options.quiet else 1}
     with warnings.catch_warnings():
         for told in (CoverageWarning, DisagreementWarning, OrientationWarning, SkippedShapeWarning):
             warnings.simplefilter("ignore", told)  # once, when all shapes were learned from

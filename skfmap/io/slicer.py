@@ -24,7 +24,8 @@ _COLUMNS = (
     *("id", "x", "y", "z", "ow", "ox", "oy", "oz", "vis", "sel", "lock"),
     *("label", "desc", "associatednodeid"),
 )
-_STATUS, _DEFINED, _UNDEFINED = "status", "2", "0"
+_DEFINED, _UNDEFINED = "2", "0"
+_STATUSES, _FLAGS = ("0", "1", "2", "3"), ("0", "1")
 
 _PLACED, _NOT_PLACED = ("defined",), ("undefined", "preview", "missing")
 
@@ -79,14 +80,14 @@ def _fiducial(path: Path, where: str, columns: list[str], cells: list[str]) -> P
             f"number {needed} ({', '.join(columns)}). Is the line cut short? Export the landmarks "
             "from Slicer again."
         )
-    extra = [_STATUS] if len(cells) > len(columns) else []
-    named = dict(zip([*columns, *extra], cells, strict=False))
-    status = named.get(_STATUS, "").strip() or _DEFINED
-    at = (
-        position(path, where, [named[one] for one in "xyz"])
-        if status == _DEFINED
-        else np.full(3, np.nan)
-    )
+    named = dict(zip(columns, cells, strict=False))
+    status, by_itself = cells[len(columns) :][-2:] if len(cells) > len(columns) + 1 else ("", "")
+    # A label with a comma that is not in quotes makes cells too, which say nothing of the kind.
+    says = status in _STATUSES and by_itself in _FLAGS
+    if says and status != _DEFINED:
+        at = np.full(3, np.nan)
+    else:
+        at = position(path, where, [named[one] for one in "xyz"])
     return PointRow(where, named.get("label", ""), at)
 
 

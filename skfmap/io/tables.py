@@ -28,12 +28,14 @@ __all__ = ["csv_of", "is_table_of_points", "read_table"]
 
 # None is any run of blanks. The comma comes late, as it may stand in numbers.
 _SEPARATORS = ("\t", ";", ",", None)
+_HEAD = 65536  # bytes that tell which kind of table it is
 _WORD = re.compile(r'"((?:[^"]|"")*)"|(\S+)')
 
 # Names of columns, of which the first that is there is taken. Slicer's own tables have r, a, s or
 # l, p, s, and "defined".
 _AXES = (("xyz", None), ("ras", "RAS"), ("lps", "LPS"))
-_NAMES = ("name", "label", "landmark", "landmarks", "point", "id", "")
+_NAMES = ("name", "label", "landmark", "point", "lm", "id", "index", "number", "nr", "no", "")
+_IN_NAMES = ("name", "label", "landmark")  # as in "Point name"
 _PLACED = "defined"
 _ERRORS = ("expected_error", "radius", "coverage")
 
@@ -65,8 +67,8 @@ def read_table(path: Path) -> ReadLandmarks:
         number, first = next((n, line) for n, line in text if line.strip())
         raise CorrespondenceError(
             f"{path}, line {number}: {first.strip()[:60]!r} is neither a head with x, y and z nor "
-            "three coordinates, with or without a name before or behind them. Add a head line: "
-            "name,x,y,z."
+            "three coordinates, with or without a name before or behind them. Add a head line "
+            "(name,x,y,z), put names with blanks in quotes, or rename what holds no landmarks."
         )
     rows = _rows(path, lines, columns)
     read = as_read(path, rows, columns.system)
@@ -81,9 +83,10 @@ def read_table(path: Path) -> ReadLandmarks:
 def is_table_of_points(path: Path) -> bool:
     """Return whether a ``.txt`` file may hold points: its first lines have three cells or more."""
     try:
-        text = [line for line in read_text(path) if line.strip() and not _is_comment(line)]
+        begins = read_text(path, _HEAD)
     except CorrespondenceError:
         return False
+    text = [line for line in begins if line.strip() and not _is_comment(line)]
     return bool(text) and any(len(_cells(text[0], separator)) >= 3 for separator in _SEPARATORS)
 
 
@@ -102,9 +105,28 @@ def _split(
         if not lines and _is_comment(line):
             continue
         lines.append(_Line(f"line {number}", _cells(line, separator)))
-    if head is not None or not lines:
+    if not lines:
         return lines, head
-    return lines, _without_head(path, lines)
+    n_usual = 0 if head is None else head.n
+    if all(len(line.cells) > n_usual and line.cells[-1] == "" for line in lines):
+        # Each line ends with a separator.
+        lines = [line._replace(cells=line.cells[:-1]) for line in lines]
+    if head is None:
+        return lines, _without_head(path, lines)
+    if head.name is None and all(len(line.cells) == head.n + 1 for line in lines):
+        return lines, _with_row_names(head)
+    return lines, head
+
+
+def _with_row_names(head: _Columns) -> _Columns:
+    """Return the columns of a table whose names of rows have no head, as R writes them."""
+    return head._replace(
+        at=[i + 1 for i in head.at],
+        name=0,
+        n=head.n + 1,
+        placed=None if head.placed is None else head.placed + 1,
+        errors={what: i + 1 for what, i in head.errors.items()},
+    )
 
 
 def _is_comment(line: str) -> bool:
@@ -126,7 +148,9 @@ def _head(cells: list[str]) -> _Columns | None:
     words = [re.sub(r"^(pos|coord)[ _.]?(?=[xyz]$)", "", word) for word in words]
     for axes, system in _AXES:
         if all(words.count(axis) == 1 for axis in axes):
-            name = next((words.index(word) for word in _NAMES if word in words), None)
+            exact = [words.index(word) for word in _NAMES if word in words]
+            close = [i for i, word in enumerate(words) if any(one in word for one in _IN_NAMES)]
+            name = next(iter(exact + close), None)
             placed = words.index(_PLACED) if _PLACED in words else None
             errors = {word: words.index(word) for word in _ERRORS if word in words}
             at = [words.index(axis) for axis in axes]
@@ -162,6 +186,8 @@ def _rows(path: Path, lines: list[_Line], columns: _Columns) -> list[PointRow]:
     rows = []
     for (where, cells), coordinates in _points(path, lines, columns):
         name = "" if columns.name is None else cells[columns.name]
+        if columns.name is not None and not any(cells):  # spreadsheets leave such lines at the end
+            continue
         unplaced = columns.placed is not None and cells[columns.placed].lower() in {"0", "false"}
         at = np.full(3, np.nan) if unplaced else position(path, where, coordinates)
         rows.append(PointRow(where, name, at))

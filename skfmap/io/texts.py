@@ -69,9 +69,13 @@ _UNKNOWN = re.compile(r"|[+-]?nan(\(.*\))?|#?n/?a!?|null|none|[+-]?1\.#(ind|qnan
 _SENTINELS = (-999.0, -9999.0)
 
 
-def read_text(path: Path) -> list[str]:
-    """Return the lines of a text in UTF-8, in UTF-16 with its mark, or else in Latin-1."""
-    content = path.read_bytes()
+def read_text(path: Path, most: int = -1) -> list[str]:
+    """Return the lines of a text in UTF-8, in UTF-16 with its mark, or else in Latin-1.
+
+    Those of its first ``most`` bytes, if it is not negative.
+    """
+    with path.open("rb") as file:
+        content = file.read(most)
     text = _decoded(path, content).replace("\r\n", "\n").replace("\r", "\n")
     if not text.strip():
         raise CorrespondenceError(

@@ -4,6 +4,8 @@ import re
 from dataclasses import dataclass, field
 from pathlib import Path
 
+import numpy as np
+
 from skfmap.exceptions import CorrespondenceError
 from skfmap.io.texts import (
     PointRow,
@@ -42,7 +44,13 @@ def read_tps(path: Path, specimen: str | int | None = None) -> ReadLandmarks:
     """Read one specimen of a tps file, its coordinates multiplied by its SCALE."""
     one = _chosen(path, _specimens(path), specimen)
     scale = _scale(path, one)
-    rows = [row._replace(at=row.at * scale) for row in one.rows]
+    with np.errstate(over="ignore"):
+        rows = [row._replace(at=row.at * scale) for row in one.rows]
+    if over := [row.where for row in rows if np.isinf(row.at).any()]:
+        raise CorrespondenceError(
+            f"{path}, {over[0]}: multiplied by SCALE={scale:g} the coordinates are no numbers any "
+            "more. Correct the scale."
+        )
     done = [
         *([] if scale == 1 else [f"coordinates were multiplied by SCALE={scale:g}"]),
         *(["points on curves were left out"] if one.has_curves else []),

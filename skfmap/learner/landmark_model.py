@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass, replace
 from itertools import chain
+from typing import NamedTuple, Self
 
 import numpy as np
 import scipy.sparse as sp
@@ -23,12 +24,40 @@ from skfmap.refinement import match_points
 from skfmap.registration import Registration
 from skfmap.shapes import Landmarks, ProbedShape, SpectralShape
 
-__all__ = ["LandmarkModel", "learn_landmarks", "reference_on"]
+__all__ = ["LandmarkModel", "LeftOut", "learn_landmarks", "reference_on"]
 
 # Training shapes are left out one at a time, or in so many groups where there are more.
 _FOLDS = 10
 # Width, in sqrt(area), of the surroundings of a landmark that tell how it has turned.
 _AROUND = 0.1
+
+
+class LeftOut(NamedTuple):
+    """What answers missed on training shapes that were left out in groups.
+
+    Attributes
+    ----------
+    indices, groups : ndarray of int, shape (n_shapes,)
+        Index in X of each shape, and the group that it was left out with.
+    missed : ndarray of shape (n_shapes, n_landmarks, 3)
+        From answers, moved by what the other groups lack, to the observer's points; as each shape
+        was given, in units of sqrt(area). NaN where there is no such point.
+    """
+
+    indices: IntArray
+    groups: IntArray
+    missed: FloatArray
+
+    @classmethod
+    def nothing(cls, n_landmarks: int) -> Self:
+        """Return that of no shape."""
+        none = np.empty(0, dtype=np.int64)
+        return cls(none, none, np.empty((0, n_landmarks, 3)))
+
+    @property
+    def distances(self) -> FloatArray:
+        """Lengths of what was missed, shape (n_shapes, n_landmarks)."""
+        return np.asarray(np.linalg.norm(self.missed, axis=2))
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -48,19 +77,20 @@ class LandmarkModel:
         What the surface's answers lack in the mean on training shapes left out, as the reference
         stands, less what is noise (James and Stein 1961). It holds also how far from the surface an
         observer puts points.
-    distances : ndarray of shape (n_shapes, n_landmarks)
-        Of answers from the observer's points on training shapes left out, with what the others
-        lack; NaN where there is no such point. Without rows if none were left out.
+    left_out : LeftOut
+        What answers missed on training shapes left out; without rows if none were.
     """
 
     names: tuple[str, ...]
     places: SparseMatrix
     offsets: FloatArray
-    distances: FloatArray
+    left_out: LeftOut
 
     def __repr__(self) -> str:
         """Return a line with counts."""
-        return f"LandmarkModel(n_landmarks={len(self.names)}, n_left_out={len(self.distances)})"
+        return (
+            f"LandmarkModel(n_landmarks={len(self.names)}, n_left_out={len(self.left_out.groups)})"
+        )
 
     def points_on(
         self, reference: SpectralShape, images: FloatArray, surface: ClosestPoints
@@ -80,22 +110,29 @@ class LandmarkModel:
         on_surface = surface.of(np.asarray(self.places @ images)).points
         return np.asarray(on_surface + np.einsum("nb,nbd->nd", self.offsets, turns))
 
-    def expected_errors(self) -> FloatArray | None:
+    def expected_errors(self, but: int | None = None) -> FloatArray | None:
         """Return the mean distances on shapes left out, shape (n_landmarks,).
 
         Those of single landmarks are drawn towards the mean of all. None if no shape was left out.
+        ``but`` is a group that is not asked.
         """
-        return shrunk_scales(self.distances) if len(self.distances) else None
+        distances = self._distances(but)
+        return shrunk_scales(distances) if len(distances) else None
 
-    def radii(self, coverage: float) -> FloatArray | None:
+    def radii(self, coverage: float, but: int | None = None) -> FloatArray | None:
         """Return radii that hold a share of the observer's points, shape (n_landmarks,).
 
-        None if too few shapes were left out to promise that.
+        None if too few shapes were left out to promise that. ``but`` is a group that is not asked.
         """
-        if len(self.distances) < least_calibrating(coverage):
+        distances = self._distances(but)
+        if len(distances) < least_calibrating(coverage):
             return None
-        scales = shrunk_scales(self.distances)
-        return pooled_quantile(self.distances, scales, coverage) * scales
+        scales = shrunk_scales(distances)
+        return pooled_quantile(distances, scales, coverage) * scales
+
+    def _distances(self, but: int | None) -> FloatArray:
+        distances, groups = self.left_out.distances, self.left_out.groups
+        return distances if but is None else distances[groups != but]
 
 
 def reference_on(matcher: Matcher, shape: ProbedShape) -> FloatArray:
@@ -148,20 +185,25 @@ def learn_landmarks(
         names,
         _voted(measured_0, [measured[i] for i in rows], images, spectral_0),
         np.zeros((len(names), 3)),
-        np.empty((0, len(names))),
+        LeftOut.nothing(len(names)),
     )
+    turns = np.stack([_turns(model.places, spectral_0, at) for at in images])
     missed = np.stack(
         [
-            _missed(
-                model, training.reference.spectral, training.shapes[i].spectral, at, measured[i]
-            )
+            _missed(model, spectral_0, training.shapes[i].spectral, at, measured[i])
             for i, at in zip(rows, images, strict=True)
         ]
     )
-    fold_of = np.repeat(np.arange(n_folds), [len(fold) for fold in folds])
-    others = np.stack([shrunk_mean(missed[fold_of != f]) for f in range(n_folds)])
-    distances = np.linalg.norm(missed - others[fold_of], axis=2)
-    return replace(model, offsets=shrunk_mean(missed), distances=distances)
+    missed_0 = np.einsum("snd,snbd->snb", missed, turns)  # as the reference stands
+    groups = np.repeat(np.arange(n_folds), [len(fold) for fold in folds])
+    others = np.stack([shrunk_mean(missed_0[groups != f]) for f in range(n_folds)])[groups]
+    left = missed - np.einsum("snb,snbd->snd", others, turns)
+    signs = [MIRROR if training.shapes[i].reflected else np.ones(3) for i in rows]
+    return replace(
+        model,
+        offsets=shrunk_mean(missed_0),
+        left_out=LeftOut(training.indices[rows], groups, left * np.array(signs)[:, None]),
+    )
 
 
 def _known_on_reference(
@@ -172,7 +214,7 @@ def _known_on_reference(
     kept = tuple(name for name, yes in zip(names, known, strict=True) if yes)
     n = len(kept)
     places = _places(measured_0[known], spectral_0)
-    return LandmarkModel(kept, places, np.zeros((n, 3)), np.empty((0, n)))
+    return LandmarkModel(kept, places, np.zeros((n, 3)), LeftOut.nothing(n))
 
 
 def _images(training: TrainingSet, folds: list[IntArray], matcher: Matcher) -> list[FloatArray]:
@@ -260,10 +302,9 @@ def _missed(
     images: FloatArray,
     measured: FloatArray,
 ) -> FloatArray:
-    """Return the vectors from answers to measured points, as the reference stands."""
+    """Return the vectors from answers to measured points, (n_landmarks, 3)."""
     surface = ClosestPoints(spectral.vertices, spectral.mesh.faces)
-    off = measured - model.points_on(spectral_0, images, surface)
-    return np.asarray(np.einsum("nd,nbd->nb", off, _turns(model.places, spectral_0, images)))
+    return np.asarray(measured - model.points_on(spectral_0, images, surface))
 
 
 def _turns(places: SparseMatrix, reference: SpectralShape, images: FloatArray) -> FloatArray:

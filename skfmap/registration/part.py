@@ -24,9 +24,9 @@ from skfmap.functional.similarity import (
     left_by_similarities,
 )
 from skfmap.geometry.closest import ClosestPoints
-from skfmap.geometry.normals import vertex_normals
 from skfmap.refinement import ICP, REFINEMENTS, Learned, PointMatch, Refinement, ZoomOut
 from skfmap.registration.alignment import align, principal_axes
+from skfmap.registration.by_landmarks import lay_by_landmarks, nearest_in_space
 from skfmap.registration.deformation import Deformation
 from skfmap.registration.laying import Anchors, flipped_faces, lay, lay_on_points, unfold
 from skfmap.registration.quality import Limits, Quality, assess
@@ -48,8 +48,6 @@ _VALIDATED = 6
 _MATCHED = 0.1
 # How often the best of several starts is matched and laid again.
 _AGAIN = 3
-# How far apart opposite normals are, in mean edges.
-_NORMALS = 4.0
 
 
 class Laid(NamedTuple):
@@ -437,21 +435,18 @@ def _lay_by_pairs(spectral_0: SpectralShape, sample: _Sample) -> FloatArray:
 
 
 def _by_pairs(spectral_0: SpectralShape, sample: _Sample) -> FloatArray:
-    rest = Deformation.of_reference(spectral_0.vertices, spectral_0.mesh.faces)
     pairs = sample.pairs
     if sample.pose == "similarity":
-        moved = best_similarity(
-            np.asarray(pairs.places @ spectral_0.vertices), pairs.points, pairs.weights
-        )
-        start = moved.apply(spectral_0.vertices)
-    else:
-        matched = _matched(sample.spectral, spectral_0, sample.match)
-        both = Anchors(
-            sp.csr_array(sp.vstack([matched.places, pairs.places])),
-            np.concatenate([matched.points, pairs.points]),
-            np.concatenate([_MATCHED * matched.weights, pairs.weights]),
-        )
-        start = lay_on_points(rest, both, matched.points)
+        surface = sample.spectral.vertices, sample.spectral.mesh.faces
+        return lay_by_landmarks(spectral_0, surface, pairs)
+    rest = Deformation.of_reference(spectral_0.vertices, spectral_0.mesh.faces)
+    matched = _matched(sample.spectral, spectral_0, sample.match)
+    both = Anchors(
+        sp.csr_array(sp.vstack([matched.places, pairs.places])),
+        np.concatenate([matched.points, pairs.points]),
+        np.concatenate([_MATCHED * matched.weights, pairs.weights]),
+    )
+    start = lay_on_points(rest, both, matched.points)
     return _drawn(rest, spectral_0, sample.spectral, start, _OF_TRAINING, pairs)
 
 
@@ -546,13 +541,8 @@ def _matched_in_space(
     spectral_0: SpectralShape, spectral: SpectralShape, match: PointMatch, laid: FloatArray
 ) -> PointMatch:
     """Return the match of nearest points, which are the farther apart the more normals differ."""
-    width = _NORMALS / 2 * np.sqrt(2 / len(laid))
-    points_i, points_0 = (
-        np.hstack([vertices, width * vertex_normals(vertices, faces)])
-        for vertices, faces in (
-            (spectral.vertices, spectral.mesh.faces),
-            (laid, spectral_0.mesh.faces),
-        )
+    points_i, points_0 = nearest_in_space(
+        spectral_0, (spectral.vertices, spectral.mesh.faces), laid
     )
     p2p, inverse = nearest_both(points_i, points_0, n_threads=threads_within())
     n = min(spectral.n_components, spectral_0.n_components)
