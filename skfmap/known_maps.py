@@ -65,8 +65,9 @@ _DOUBTFUL, _TIMES = 0.15, 4.0
 # with so many landmarks near where it is put, and with at most so many others in doubt.
 _RELIEF, _NEAREST, _MOST_PAIRED = 0.9, 4, 6
 # Shapes are unlike the others beyond so many times the typical error of landmarks; landmarks are
-# far beyond this distance, in sqrt(area), and lie in a plane below this share of their extent.
-_UNLIKE, _GAP, _FLAT = 3.0, 1.0, 0.02
+# far beyond this distance, in sqrt(area) (eight that are well spread leave 0.37, those on one side
+# 0.35 to 1.07), and lie in a plane below this share of their extent.
+_UNLIKE, _GAP, _FLAT = 3.0, 0.6, 0.02
 # How far from itself, in sqrt(area), a vertex may come back from S_0 for its pair to count.
 _RETURNS, _NIL = 0.05, 1e-3
 
@@ -125,6 +126,12 @@ class BuiltMap(NamedTuple):
     residuals: FloatArray
     exchanged: list[tuple[int, int]]
     gap: float = 0.0
+
+    @property
+    def error(self) -> float:
+        """Mean of ``errors`` at landmarks that are not wrong; 0 where that was not asked."""
+        known = self.errors[~self.wrong & np.isfinite(self.errors)]
+        return float(known.mean()) if len(known) else 0.0
 
 
 class KnownMapsRecord(NamedTuple):

@@ -60,6 +60,7 @@ TRUSTED_TYPES = (
     "skfmap.refinement.ZoomOut",
     "skfmap.geometry.elasticity.ElasticSurface",
     "skfmap.learner.landmark_model.LandmarkModel",
+    "skfmap.learner.landmark_model.LeftOut",
     "skfmap.registration.deformation.Deformation",
     "skfmap.registration.part.Registration",
     "skfmap.registration.quality.Limits",

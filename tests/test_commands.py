@@ -18,7 +18,7 @@ import pytest
 from sklearn.pipeline import make_pipeline
 
 import skfmap
-from skfmap import Landmarks, Mesh, SpectralBasis, WeightedFunctionalMapLearner
+from skfmap import Correspondence, Landmarks, Mesh, SpectralBasis, WeightedFunctionalMapLearner
 from skfmap.commands import main
 from skfmap.commands.dispatch import _format_warning
 from skfmap.io import read_landmarks, read_mesh, write_landmarks, write_mesh
@@ -54,8 +54,11 @@ def place(collection, tmp_path_factory):
     training = _write(place / "training", collection.meshes[:4], collection.truths)
     new = _write(place / "new", collection.meshes[4:])
     model = place / "model.skops"
-    assert run("train", training, "-o", model, *_SMALL) == 0
-    return SimpleNamespace(training=training, new=new, model=model)
+    out, err = io.StringIO(), io.StringIO()
+    with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
+        assert run("train", training, "-o", model, *_SMALL) == 0
+    assert err.getvalue() == ""  # --quiet
+    return SimpleNamespace(training=training, new=new, model=model, told=out.getvalue())
 
 
 @pytest.fixture(scope="module")
@@ -81,21 +84,15 @@ def broken(place, tmp_path):
 # train
 
 
-def test_training_writes_a_model_a_page_and_errors(place, collection, capsys):
-    output = place.model.with_name("again.skops")
-    assert run("train", place.training, "-o", output, "--folds", "2", *_SMALL) == 0
-    told = capsys.readouterr()
-    errors = {
-        row["shape left out"]: float(row["error"])
-        for row in rows_of(output.with_name("again-errors.csv"))
-    }
-    assert set(errors) == {"body1", "body2", "body3"}
-    assert list(errors.values()) == sorted(errors.values(), reverse=True)
-    assert f"All: {np.mean(list(errors.values())):.3g}." in told.out
-    assert "Worst matches" in output.with_suffix(".html").read_text(encoding="utf-8")
-    assert f"match {output} NEW.ply -o out" in told.out
-    assert told.err == ""
-    saved = load_model(output)
+def test_training_writes_a_model_a_page_and_errors(place):
+    rows = rows_of(place.model.with_name("model-errors.csv"))
+    assert {row["shape left out"] for row in rows} == {"body1", "body2", "body3"}
+    errors = [float(row["error"]) for row in rows]
+    assert errors == sorted(errors, reverse=True)
+    assert f"All: {np.mean(errors):.3g}." in place.told
+    assert "Worst matches" in place.model.with_suffix(".html").read_text(encoding="utf-8")
+    assert f"match {place.model} NEW.ply -o out" in place.told
+    saved = load_model(place.model)
     assert saved[-1].reference_.name == "body0"
     assert {saved.get_params()[f"{step}__n_jobs"] for step, _ in saved.steps} == {None}
 
@@ -258,6 +255,24 @@ def test_landmarks_are_written_as_python_predicts_them(marked, tmp_path, suffix)
         assert read.names == found.names
     off = np.linalg.norm(found.points - marked.marks["body4"].points, axis=1)
     assert off.mean() < 0.5
+
+
+@pytest.mark.usefixtures("told_of_marked")
+def test_landmarks_are_put_onto_the_surface_if_asked(marked, tmp_path):
+    mesh = marked.new / "body4.off"
+    options = ["--on-surface", "-o", tmp_path, *_QUIET]
+    assert run("landmarks", marked.model, mesh, *options) == 0
+    (found,) = skfmap.predict_landmarks(load_model(marked.model), [mesh], on_surface=True)
+    read = read_landmarks(tmp_path / "body4.fcsv")
+    np.testing.assert_allclose(read.points, found.points, rtol=1e-12)
+    put = Correspondence.from_points(read, read_mesh(mesh))
+    assert put.distance.max() < 1e-12
+
+
+@pytest.mark.usefixtures("told_of_marked")
+def test_a_model_without_landmarks_says_so(place, tmp_path, capsys):
+    assert run("landmarks", place.model, place.new, "-o", tmp_path / "out", *_QUIET) == 2
+    assert "was trained without landmarks" in capsys.readouterr().err
 
 
 @pytest.mark.usefixtures("told_of_marked")
@@ -456,6 +471,7 @@ def test_a_shape_that_the_model_refuses_does_not_lose_the_others(
         (["match", "{array}", "{new}", "-o", "{out}"], "holds no model of skfmap, but a ndarray"),
         (["match", "{cut}", "{new}", "-o", "{out}"], "cut.joblib cannot be read as a model"),
         (["transfer", "{model}", "{new}", "--values", "no.csv", "-o", "{out}"], "values no.csv"),
+        (["landmarks", "{model}", "{new}", "-o", "{out}", "--coverage", "1"], "--coverage must be"),
         (["train", "nowhere", "-o", "{out}.skops"], "no folder nowhere"),
         (["train", "{training}", "-o", "{out}.skops", "--functions", "900"], "--functions"),
         (["train", "{training}", "-o", "{out}.skops", "--folds", "1"], "--folds"),

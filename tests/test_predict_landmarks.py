@@ -28,6 +28,9 @@ from skfmap.learner.confidence import matchers_without
 from skfmap.metrics import get_scorer
 from skfmap.model_selection import PinnedReference
 from skfmap.persistence import load_model, save_model
+from skfmap.refinement import BijectiveZoomOut
+from skfmap.registration import Registration
+from skfmap.report import evaluate_landmarks
 from skfmap.shapes import SkippedShape
 
 BENDS = (0.0, 0.1, -0.1, 0.15, -0.15, 0.05)  # of the collection's bodies
@@ -131,10 +134,10 @@ def test_a_landmark_of_one_shape_alone_is_not_judged_by_itself(
             points[3] = np.nan
         marks.append(Correspondence.from_points(points, mesh, NAMES))
     model = clone(learner).fit(probed[:5], marks).landmarks_
-    assert np.isnan(model.distances[:, 3]).all()
+    distances = model.left_out.distances
+    assert np.isnan(distances[:, 3]).all()
     assert not model.offsets[3].any()
-    known = np.isfinite(model.distances)
-    assert model.expected_errors()[3] == pytest.approx(model.distances[known].mean())
+    assert model.expected_errors()[3] == pytest.approx(np.nanmean(distances))
 
 
 def test_landmarks_that_were_found_to_be_wrong_do_not_count(
@@ -148,10 +151,11 @@ def test_landmarks_that_were_found_to_be_wrong_do_not_count(
     building = clone(learner).set_params(n_functions=25, known_maps="in-space", refine=None)
     with pytest.warns(CoverageWarning, match="exchanged"):
         model = building.fit(probed[:5], some).landmarks_
-    left_out = np.isnan(model.distances)
-    assert left_out.sum() == 2
-    assert sorted(np.flatnonzero(left_out.any(axis=0))) == sorted(ends)
-    assert np.nanmax(model.distances) < 0.5  # ends are 2 apart
+    right, distances = model.left_out.right, model.left_out.distances
+    assert (~right).sum() == 2
+    assert sorted(np.flatnonzero(~right.all(axis=0))) == sorted(ends)
+    assert distances[right].max() < distances[~right].min() / 2
+    assert model.expected_errors().max() < distances[right].max()
 
 
 def test_shapes_without_measured_points_are_learned_from_in_every_fold(learner, probed, measured):
@@ -189,6 +193,21 @@ def test_mirrored_shapes_are_told(measuring, probe, collection, points_on_bodies
         (marks,) = reflecting.predict_landmarks(mirrored)
     size = np.sqrt(probe([mesh])[0].spectral.area)
     assert off(marks, points_on_bodies(BENDS[5]) * flip).mean() < 0.05 * size
+
+
+def test_measured_points_are_registered_by_default(probed, collection, measured):
+    learner = skfmap.WeightedFunctionalMapLearner(n_functions=12, confidence=None)
+    fitted = {
+        what: clone(learner).fit(probed[:3], truths[:3])
+        for what, truths in (("measured", measured), ("vertices", collection.truths))
+    }
+    assert isinstance(fitted["measured"].refine_, Registration)
+    assert isinstance(fitted["vertices"].refine_, BijectiveZoomOut)
+    assert fitted["measured"].refine == "auto"
+    (laid,) = fitted["measured"].register(probed[5:])
+    assert laid.fits
+    with pytest.raises(ValueError, match="refine must be one of"):
+        fitted["vertices"].match(probed[5:], refine="auto")
 
 
 def test_results_are_the_same_for_every_number_of_jobs(learner, probed, measured, measuring):
@@ -324,3 +343,24 @@ def test_radii_hold_what_they_promise(n_shapes):
         scales = shrunk_scales(drawn[:-1])
         held.append((drawn[-1] <= pooled_quantile(drawn[:-1], scales, 0.9) * scales).mean())
     assert 0.86 < np.mean(held) < 0.94
+
+
+def test_what_the_fit_left_out_is_about_what_fits_without_it_find(
+    measuring, probed, measured, points_on_bodies
+):
+    marks = [truth.landmarks for truth in measured[:5]]
+    fitted = evaluate_landmarks(measuring, probed[:5], measured[:5], marks)
+    anew = evaluate_landmarks(measuring, probed[:5], measured[:5], marks, cv=4)
+    assert [one.name for one in fitted.predicted] == [f"body{i}" for i in range(1, 5)]
+    left, sizes = measuring.landmarks_.left_out, [np.sqrt(s.spectral.area) for s in probed[1:5]]
+    order = np.argsort(left.indices)
+    np.testing.assert_allclose(fitted.errors, left.distances[order] * np.array(sizes)[:, None])
+    assert 0.7 < fitted.errors.mean() / anew.errors.mean() < 1.4
+    # Another observer's landmarks change what is compared with, not what was predicted.
+    moved = [skfmap.Landmarks(one.points + 0.1, one.names) for one in marks]
+    again = evaluate_landmarks(measuring, probed[:5], measured[:5], moved)
+    for one, other in zip(fitted.predicted, again.predicted, strict=True):
+        np.testing.assert_allclose(one.points, other.points)
+    # Errors to expect of a specimen are those of the others.
+    own = shrunk_scales(left.distances[order][1:])
+    np.testing.assert_allclose(fitted.expected[0], sizes[0] * own)

@@ -31,13 +31,14 @@ class Shrinkage:
     variance_ratio : float
         Variance of the predicted landmarks over that of the true ones, summed over landmarks: 1
         where they vary as much, below where predictions shrink to the mean, above where their
-        errors add more than they lose.
+        errors add more than they lose. The observer's noise is in the true ones and lowers it; see
+        `observer_error`.
     per_landmark : ndarray of shape (n_landmarks,)
         The same for each landmark; NaN where fewer than three specimens have it, or it does not
         vary.
     size_slope : float
         Slope of the predicted centroid size on the true one, by least squares: 1 where large
-        specimens are predicted as large as they are. Errors that are not shrinkage leave it alone.
+        specimens are predicted as large as they are. Errors of predictions do not move it.
         NaN if fewer than three specimens have all landmarks, or all are of one size.
     names : tuple of str
         Of the landmarks.

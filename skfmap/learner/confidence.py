@@ -15,9 +15,9 @@ from skfmap.learner.familiarity import is_familiar
 from skfmap.learner.matcher import Matcher, Solution, embedding_distance
 from skfmap.learner.observation import Observation, Watch, observe, watch_reference
 from skfmap.learner.signs import vertex_signs
-from skfmap.learner.training_set import TrainingSet
+from skfmap.learner.training_set import Observed, TrainingSet
 from skfmap.refinement import PointMatch
-from skfmap.shapes import JoinedPairs, ProbedShape
+from skfmap.shapes import ProbedShape
 
 __all__ = ["REFINED", "UNREFINED", "Confidence", "CrossFitConfidence", "Trust", "matchers_without"]
 
@@ -147,13 +147,13 @@ class CrossFitConfidence(Confidence):
         """
         used = training.used
         watch = watch_reference(
-            training.reference, [training.joins[i] for i in used], training.memory
+            training.reference, [training.observed[i].join for i in used], training.memory
         )
         n_folds = min(self.cv, len(used))
         folds = [used[f::n_folds] for f in range(n_folds)]
         matchers = [matcher] if n_folds == 1 else matchers_without(training, folds, matcher)
         arguments = (
-            (one, training.shapes[i], training.joins[i], training.known[i].areas, watch)
+            (one, training.shapes[i], training.observed[i], watch)
             for one, rows in zip(matchers, folds, strict=True)
             for i in rows
         )
@@ -226,17 +226,31 @@ class _Seen(NamedTuple):
     distance: float
 
 
-def _observe(
-    matcher: Matcher, shape: ProbedShape, join: JoinedPairs, areas: FloatArray, watch: Watch
-) -> _Seen:
+def _observe(matcher: Matcher, shape: ProbedShape, observed: Observed, watch: Watch) -> _Seen:
     solution = matcher.solve(shape)
     before, after = matcher.match_points(shape, solution.C)
     matches = {UNREFINED: before} | ({} if matcher.refinement is None else {REFINED: after})
     seen = {
-        kind: observe(matcher, shape, join, areas, match, watch, refined=kind == REFINED)
+        kind: _with_error_of_pairs(
+            observe(
+                matcher,
+                shape,
+                observed.join,
+                observed.areas,
+                match,
+                watch,
+                refined=kind == REFINED,
+            ),
+            observed.error,
+        )
         for kind, match in matches.items()
     }
     return _Seen(seen, solution.residual, embedding_distance(shape, before))
+
+
+def _with_error_of_pairs(observation: Observation, error: float) -> Observation:
+    """Return errors with what the pairs themselves are off: both are taken as independent."""
+    return observation._replace(errors=np.hypot(observation.errors, error))
 
 
 def _weighted(observation: Observation, share: float) -> Observation:

@@ -105,15 +105,17 @@ class WeightedFunctionalMapLearner(CallbackSupportMixin, Versioned, BaseEstimato
     matching : {"soft", "cut"}, default="soft"
         Points are matched in all stable functions, each weighted by how far it puts the points of
         the training shapes from where they belong, or in the first p alone.
-    refine : {"bijective-zoomout", "register", "icp", "zoomout"}, Refinement or None
+    refine : {"auto", "bijective-zoomout", "register", "icp", "zoomout"}, Refinement or None
         How point maps are refined: a word, or the object that it stands for (`skfmap.refinement`),
-        whose parameters can then be searched as ``refine__step``. ``"bijective-zoomout"``, the
-        default, is the best of those that work on maps alone: maps of growing size, up to all
-        eigenfunctions that `SpectralBasis` holds, each fitted to the point maps of both directions,
-        with functions weighted by what the training shapes showed; errors are about half of those
-        without. ``"zoomout"`` (Melzi et al. 2019) and ``"icp"`` (Ovsjanikov et al. 2012) are as
-        published. ``"register"`` (`skfmap.registration.Registration`) goes on in space, and lays
-        the reference's mesh onto each shape: errors fall by another tenth to a quarter, and a match
+        whose parameters can then be searched as ``refine__step``. ``"auto"``, the default, is
+        ``"register"`` where the correspondence of the reference holds measured points
+        (`Correspondence.from_points`), else ``"bijective-zoomout"``. ``"bijective-zoomout"`` is the
+        best of those that work on maps alone: maps of growing size, up to all eigenfunctions that
+        `SpectralBasis` holds, each fitted to the point maps of both directions, with functions
+        weighted by what the training shapes showed; errors are about half of those without.
+        ``"zoomout"`` (Melzi et al. 2019) and ``"icp"`` (Ovsjanikov et al. 2012) are as published.
+        ``"register"`` (`skfmap.registration.Registration`) goes on in space, and lays the
+        reference's mesh onto each shape: errors fall by another tenth to a quarter, and a match
         takes about a second more. None: not at all.
     confidence : {"cross-fit"}, Confidence or None, default="cross-fit"
         How errors to expect are found: ``"cross-fit"`` is `CrossFitConfidence`, which learns again
@@ -122,12 +124,13 @@ class WeightedFunctionalMapLearner(CallbackSupportMixin, Versioned, BaseEstimato
         searches that only compare scores. Matches have no ``expected_error`` and ``confidence``
         (None) then, and nothing warns of contradicting correspondences. Of unfamiliar shapes
         nothing warns but ``refine="register"``; without that ``familiar`` is None.
-    known_maps : {"auto", "pairs", "from-landmarks"}, KnownMaps or None, default="auto"
+    known_maps : {"auto", "pairs", "from-landmarks", "in-space"}, KnownMaps or None, default="auto"
         Where the known maps of training shapes come from. ``"pairs"``, or None: from the pairs as
         they are given, of which there must be at least ``n_functions``. ``"from-landmarks"``: for
         shapes that share fewer than twice as many with the reference, but 8 landmarks or more,
-        dense maps are built (`skfmap.known_maps.FromLandmarks`). ``"auto"`` decides by what is
-        given, and says what it did in ``known_maps_``.
+        dense maps are built (`skfmap.known_maps.FromLandmarks`). ``"in-space"``: likewise, for
+        stiff kinds (`skfmap.known_maps.InSpace`). ``"auto"`` decides by what is given, and says
+        what it did in ``known_maps_``.
     reference : str, default="first"
         ``"first"``: the first training shape. ``"medoid"``: the training shape whose geodesic
         distances differ least from all others'. Else the name of a training shape.
@@ -274,7 +277,7 @@ class WeightedFunctionalMapLearner(CallbackSupportMixin, Versioned, BaseEstimato
         normalize: str = "shape",
         n_stable: float | None = None,
         matching: str = "soft",
-        refine: str | Refinement | None = "bijective-zoomout",
+        refine: str | Refinement | None = "auto",
         confidence: str | Confidence | None = "cross-fit",
         known_maps: str | KnownMaps | None = "auto",
         reference: str = "first",
@@ -790,10 +793,9 @@ class WeightedFunctionalMapLearner(CallbackSupportMixin, Versioned, BaseEstimato
         """Return what `fit` leaves behind, but for the confidence."""
         n_stable = count_stable(self.n_stable, self.n_functions)
         matcher = Matcher.from_learned(training, learned, matching=self.matching, n_stable=n_stable)
+        refinement = refinement_of(self.refine, measured=training.truth_0.coordinates is not None)
         return {
-            "matcher_": replace(
-                matcher, refinement=fit_part(refinement_of(self.refine), training, matcher)
-            ),
+            "matcher_": replace(matcher, refinement=fit_part(refinement, training, matcher)),
             "record_": training.record(learned),
             "known_maps_": training.how,
             "confidence_": None,

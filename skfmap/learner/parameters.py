@@ -94,8 +94,13 @@ def learning_options(given: Parameters) -> LearningOptions:
     return LearningOptions(**{name: getattr(given, name) for name in names})
 
 
-def refinement_of(refine: str | Refinement | None) -> Refinement | None:
-    """Return the refinement that ``refine`` stands for, unfitted."""
+def refinement_of(refine: str | Refinement | None, *, measured: bool = False) -> Refinement | None:
+    """Return the refinement that ``refine`` stands for, unfitted.
+
+    ``"auto"`` asks whether the points of training shapes were ``measured``.
+    """
+    if isinstance(refine, str) and refine == "auto":
+        refine = "register" if measured else "bijective-zoomout"
     return make_part(refine, "refine", _REFINEMENTS, Refinement)
 
 
@@ -139,7 +144,7 @@ def _override(refine: str | Refinement | None, fitted: Refinement | None) -> Ref
     """Return the refinement of one call: the fitted one, or another that learns nothing."""
     if isinstance(refine, str) and refine == "fitted":
         return fitted
-    asked = refinement_of(refine)
+    asked = make_part(refine, "refine", _REFINEMENTS, Refinement)
     if same_part(asked, fitted):
         return fitted
     if asked is not None and type(asked).fit is not Part.fit:

@@ -93,11 +93,15 @@ class Observed(NamedTuple):
     residuals : ndarray of shape (n, n_components)
         What landmarks were missed by that were left out while it was built; no rows where it was
         not built.
+    error : float
+        How far these landmarks were put from their places, on average, in sqrt(area): about what
+        built pairs are off. 0 for pairs that were given.
     """
 
     join: JoinedPairs
     areas: FloatArray
     residuals: FloatArray
+    error: float = 0.0
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -215,7 +219,7 @@ class TrainingSet:
             shapes, shape_0, [one.pairs for one in built], n_functions, memory=memory, n_jobs=n_jobs
         )
         observed = [
-            Observed(one.pairs, known.areas, one.residuals)
+            Observed(one.pairs, known.areas, one.residuals, one.error)
             for one, known in zip(built, made, strict=True)
         ]
         known = [_of_given(*parts) for parts in zip(made, built, shapes, joins, strict=True)]
