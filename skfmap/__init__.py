@@ -58,6 +58,7 @@ _SUBMODULES = (
     "ground_truth",
     "health",
     "io",
+    "known_maps",
     "landmarks",
     "learner",
     "metrics",

@@ -280,13 +280,13 @@ def test_an_empty_join_names_both_shapes(make_learner, probed, collection):
 
 
 def test_too_few_pairs_for_k_name_the_shape(make_learner, probed, collection):
-    few = collection.truths[2].restrict(np.arange(0, 110, 10))
-    assert len(few.pairs) == 11
+    few = collection.truths[2].restrict(np.arange(0, 70, 10))
+    assert len(few.pairs) == 7
     fails(
         make_learner,
         probed,
         changed(collection.truths, 2, few),
-        "'body2'.* share 11 distinct landmarks.*n_functions=12",
+        "'body2'.* share 7 distinct landmarks.*n_functions=12",
     )
 
 

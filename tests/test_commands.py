@@ -18,7 +18,7 @@ import pytest
 from sklearn.pipeline import make_pipeline
 
 import skfmap
-from skfmap import Landmarks, Mesh, SpectralBasis, WeightedFunctionalMapLearner
+from skfmap import Correspondence, Landmarks, Mesh, SpectralBasis, WeightedFunctionalMapLearner
 from skfmap.commands import main
 from skfmap.commands.dispatch import _format_warning
 from skfmap.io import read_landmarks, read_mesh, write_landmarks, write_mesh
@@ -222,7 +222,7 @@ def told_of_marked(marked):
     """What training says of the folder of landmarks."""
     out = io.StringIO()
     with contextlib.redirect_stdout(out):
-        assert run("train", marked.training, "-o", marked.model, "--folds", "2", *_SMALL) == 0
+        assert run("train", marked.training, "-o", marked.model, *_SMALL) == 0
     return out.getvalue()
 
 
@@ -255,6 +255,24 @@ def test_landmarks_are_written_as_python_predicts_them(marked, tmp_path, suffix)
         assert read.names == found.names
     off = np.linalg.norm(found.points - marked.marks["body4"].points, axis=1)
     assert off.mean() < 0.5
+
+
+@pytest.mark.usefixtures("told_of_marked")
+def test_landmarks_are_put_onto_the_surface_if_asked(marked, tmp_path):
+    mesh = marked.new / "body4.off"
+    options = ["--on-surface", "-o", tmp_path, *_QUIET]
+    assert run("landmarks", marked.model, mesh, *options) == 0
+    (found,) = skfmap.predict_landmarks(load_model(marked.model), [mesh], on_surface=True)
+    read = read_landmarks(tmp_path / "body4.fcsv")
+    np.testing.assert_allclose(read.points, found.points, rtol=1e-12)
+    put = Correspondence.from_points(read, read_mesh(mesh))
+    assert put.distance.max() < 1e-12
+
+
+@pytest.mark.usefixtures("told_of_marked")
+def test_a_model_without_landmarks_says_so(place, tmp_path, capsys):
+    assert run("landmarks", place.model, place.new, "-o", tmp_path / "out", *_QUIET) == 2
+    assert "was trained without landmarks" in capsys.readouterr().err
 
 
 @pytest.mark.usefixtures("told_of_marked")
@@ -453,6 +471,7 @@ def test_a_shape_that_the_model_refuses_does_not_lose_the_others(
         (["match", "{array}", "{new}", "-o", "{out}"], "holds no model of skfmap, but a ndarray"),
         (["match", "{cut}", "{new}", "-o", "{out}"], "cut.joblib cannot be read as a model"),
         (["transfer", "{model}", "{new}", "--values", "no.csv", "-o", "{out}"], "values no.csv"),
+        (["landmarks", "{model}", "{new}", "-o", "{out}", "--coverage", "1"], "--coverage must be"),
         (["train", "nowhere", "-o", "{out}.skops"], "no folder nowhere"),
         (["train", "{training}", "-o", "{out}.skops", "--functions", "900"], "--functions"),
         (["train", "{training}", "-o", "{out}.skops", "--folds", "1"], "--folds"),

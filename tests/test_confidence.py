@@ -104,8 +104,9 @@ def test_a_sparse_training_shape_may_have_no_pair_at_a_watched_vertex(
 
 def test_coverage_is_told_once_for_all_shapes(make_learner, probed, collection):
     sparse = [truth.restrict(truth.pairs[::20, 1]) for truth in collection.truths[:4]]
+    learner = make_learner(confidence=None, weighting=None, known_maps="pairs")
     with pytest.warns(CoverageWarning, match=r"X\[1\] \('body1'\).*X\[3\] \('body3'\)") as caught:
-        make_learner(confidence=None, weighting=None).fit(probed[:4], sparse)
+        learner.fit(probed[:4], sparse)
     assert len([one for one in caught if issubclass(one.category, CoverageWarning)]) == 1
 
 

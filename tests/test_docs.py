@@ -115,6 +115,8 @@ _ELSEWHERE = {
         "io.as_meshes",
     ),
     *("ground_truth.KnownMap", "ground_truth.join_with_reference", "ground_truth.known_maps"),
+    *("ground_truth.areas_of_pairs", "ground_truth.distinct_landmarks"),
+    *("known_maps.KNOWN_MAPS", "known_maps.kind_of", "known_maps.record_of", "known_maps.told_of"),
     *(
         "ground_truth.check_landmarks",
         "ground_truth.coverage_messages",

@@ -2,10 +2,12 @@
 
 import argparse
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from skfmap._tools.types import FloatArray
+from skfmap._tools.validation import check_number
 from skfmap.commands.new_shapes import Result, Work, add_common, run_on_new_shapes
 from skfmap.io import write_landmarks
 from skfmap.landmarks import write_table
@@ -33,10 +35,25 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="of the files: 3D Slicer (fcsv, the default, and mrk.json), MeshLab (pp), tps, "
         "Landmark Editor (pts), or a table (csv)",
     )
+    parser.add_argument(
+        "--on-surface",
+        action="store_true",
+        help="put points onto the surface, also where the observer places them off it",
+    )
+    parser.add_argument(
+        "--coverage",
+        type=float,
+        default=0.9,
+        help="share of an observer's points that radii are to hold (default: %(default)s; that "
+        "takes nine training specimens beside the reference)",
+    )
 
 
 def run(options: argparse.Namespace) -> int:
     """Place landmarks, and return the exit status."""
+    if check_number(options.coverage, "--coverage", low=0, strict=True) >= 1:
+        raise ValueError(f"--coverage must be below 1, for instance 0.9; got {options.coverage}.")
+    suffix = f".{options.format}"
     together, placed = options.output / "landmarks.csv", list[Landmarks]()
 
     def write(found: Landmarks, path: Path) -> Result:
@@ -46,18 +63,27 @@ def run(options: argparse.Namespace) -> int:
         placed.append(found)
         return _result(found)
 
-    work = Work(
-        f".{options.format}",
-        ("landmarks", "expected error", "largest", "at", "radius"),
-        predict_landmarks,
-        write,
-        "Errors are in the units of the meshes, as means over landmarks; the largest is that of "
-        "the landmark named. They are blank where a shape is unlike the training specimens. "
-        "The radius is of the ball that holds 90 % of an observer's points; it takes nine training "
-        "specimens beside the reference.",
-        lambda: write_table(placed, together, overwrite=True),
-    )
-    return run_on_new_shapes(options, lambda _: work, work.suffix, also=[together])
+    def work(learner: Any) -> Work:
+        if getattr(learner, "landmarks_", None) is None:
+            raise ValueError(
+                f"{options.model} was trained without landmarks; train it on a folder that has a "
+                "file of landmarks beside each mesh."
+            )
+        return Work(
+            suffix,
+            ("landmarks", "expected error", "largest", "at", "radius"),
+            lambda learner, shapes: predict_landmarks(
+                learner, shapes, coverage=options.coverage, on_surface=options.on_surface
+            ),
+            write,
+            "Errors are in the units of the meshes, as means over landmarks; the largest is that "
+            "of the landmark named. They are blank where a shape is unlike the training specimens. "
+            f"The radius is of the ball that holds {options.coverage:.0%} of an observer's points; "
+            "it is blank where there are too few training specimens to tell.",
+            lambda: write_table(placed, together, overwrite=True),
+        )
+
+    return run_on_new_shapes(options, work, suffix, also=[together])
 
 
 def _result(found: Landmarks) -> Result:

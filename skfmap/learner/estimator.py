@@ -124,12 +124,13 @@ class WeightedFunctionalMapLearner(CallbackSupportMixin, Versioned, BaseEstimato
         searches that only compare scores. Matches have no ``expected_error`` and ``confidence``
         (None) then, and nothing warns of contradicting correspondences. Of unfamiliar shapes
         nothing warns but ``refine="register"``; without that ``familiar`` is None.
-    known_maps : {"auto", "pairs", "from-landmarks"}, KnownMaps or None, default="auto"
+    known_maps : {"auto", "pairs", "from-landmarks", "in-space"}, KnownMaps or None, default="auto"
         Where the known maps of training shapes come from. ``"pairs"``, or None: from the pairs as
         they are given, of which there must be at least ``n_functions``. ``"from-landmarks"``: for
         shapes that share fewer than twice as many with the reference, but 8 landmarks or more,
-        dense maps are built (`skfmap.known_maps.FromLandmarks`). ``"auto"`` decides by what is
-        given, and says what it did in ``known_maps_``.
+        dense maps are built (`skfmap.known_maps.FromLandmarks`). ``"in-space"``: likewise, for
+        stiff kinds (`skfmap.known_maps.InSpace`). ``"auto"`` decides by what is given, and says
+        what it did in ``known_maps_``.
     reference : str, default="first"
         ``"first"``: the first training shape. ``"medoid"``: the training shape whose geodesic
         distances differ least from all others'. Else the name of a training shape.
@@ -196,7 +197,8 @@ class WeightedFunctionalMapLearner(CallbackSupportMixin, Versioned, BaseEstimato
         The fitted parts.
     known_maps_ : KnownMapsRecord
         How the known maps came about: kind, landmarks and pairs of each training shape, and how far
-        from its place each landmark is put by the map that is built without it.
+        from its place each landmark is put by the map that is built without it. None in models that
+        were saved before that was remembered.
     landmarks_ : LandmarkModel or None
         Where measured points of the training shapes are, for `predict_landmarks`; None if the
         reference has none.
@@ -241,7 +243,7 @@ class WeightedFunctionalMapLearner(CallbackSupportMixin, Versioned, BaseEstimato
     confidence_: Confidence | None
     landmarks_: LandmarkModel | None
     record_: FitRecord
-    known_maps_: KnownMapsRecord
+    known_maps_: KnownMapsRecord | None
     weights_: FloatArray = fitted_attribute("matcher_.weights")
     stable_basis_: FloatArray = fitted_attribute("matcher_.stable_basis")
     residual_covariance_: FloatArray = fitted_attribute("matcher_.residual_covariance")
@@ -588,6 +590,9 @@ class WeightedFunctionalMapLearner(CallbackSupportMixin, Versioned, BaseEstimato
 
         Warns
         -----
+        OrientationWarning
+            If a shape fits much better once mirrored; with ``on_mirrored="reflect"`` its image is
+            measured.
         UnfamiliarShapeWarning
             If a shape is not like the training shapes.
 
@@ -617,8 +622,9 @@ class WeightedFunctionalMapLearner(CallbackSupportMixin, Versioned, BaseEstimato
             verbose=self.verbose,
             prefer="threads",
         )
-        report(diagnose_new_shapes(usable, [False] * len(found), [fits for _, fits in found]))
-        return put_back([marks for marks, _ in found], usable, predictor.nowhere)
+        mirrored = [is_mirrored(one.solution) for one in found]
+        report(diagnose_new_shapes(usable, mirrored, [one.fits for one in found]))
+        return put_back([one.landmarks for one in found], usable, predictor.nowhere)
 
     def point_maps(
         self,

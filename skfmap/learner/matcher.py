@@ -217,7 +217,8 @@ def embedding_distance(shape: ProbedShape, match: PointMatch) -> float:
 
 def _residuals(training: TrainingSet, i: IntArray, C: FloatArray) -> FloatArray:
     """Return the covariance of what a learned map misses at the known pairs of a training shape."""
-    k, (join, areas, _) = training.k, training.observed[i]
+    k, observed = training.k, training.observed[i]
+    join = observed.join
     evecs_i = training.shapes[i].spectral.evecs_at(join.vertices_i, k, join.places_i)
     evecs_0 = training.reference.spectral.evecs_at(join.vertices_0, k, join.places_0)
-    return residual_covariance(evecs_i, evecs_0, areas, C)
+    return residual_covariance(evecs_i, evecs_0, observed.areas, C)

@@ -7,7 +7,7 @@ from typing import Any, NamedTuple, Self, TypeAlias
 import numpy as np
 
 from skfmap._tools.caching import MemoryLike
-from skfmap._tools.types import FloatArray, IntArray
+from skfmap._tools.types import BoolArray, FloatArray, IntArray
 from skfmap._tools.validation import check_sample_weight
 from skfmap.exceptions import CorrespondenceError, MeshError
 from skfmap.functional.learning import LearnedMaps, learn_functional_maps
@@ -93,11 +93,15 @@ class Observed(NamedTuple):
     residuals : ndarray of shape (n, n_components)
         What landmarks were missed by that were left out while it was built; no rows where it was
         not built.
+    error : float
+        How far these landmarks were put from their places, on average, in sqrt(area): about what
+        built pairs are off. 0 for pairs that were given.
     """
 
     join: JoinedPairs
     areas: FloatArray
     residuals: FloatArray
+    error: float = 0.0
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -215,7 +219,7 @@ class TrainingSet:
             shapes, shape_0, [one.pairs for one in built], n_functions, memory=memory, n_jobs=n_jobs
         )
         observed = [
-            Observed(one.pairs, known.areas, one.residuals)
+            Observed(one.pairs, known.areas, one.residuals, one.error)
             for one, known in zip(built, made, strict=True)
         ]
         known = [_of_given(*parts) for parts in zip(made, built, shapes, joins, strict=True)]
@@ -286,6 +290,14 @@ class TrainingSet:
         rows = order[np.searchsorted(truth.pairs[order, 1], join.points)]
         measured = truth.coordinates[rows] / np.sqrt(shape.area)
         return measured * MIRROR if self.shapes[i].reflected else measured
+
+    def found_wrong(self, i: int) -> BoolArray:
+        """Return which pairs of the i-th shape were left out when its known map was built.
+
+        An array of shape (n_pairs,). None of them where the map was made of the pairs as given.
+        """
+        was_built = self.observed[i].join is not self.joins[i]
+        return np.asarray(was_built & (self.known[i].areas == 0))
 
     def only(self, rows: IntArray) -> Self:
         """Return the training set of some of the shapes, and the reference."""

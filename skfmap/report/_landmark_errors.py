@@ -14,11 +14,15 @@ from skfmap._tools.types import FloatArray
 from skfmap._tools.unwrap import learner_and_shapes
 from skfmap._tools.validation import label
 from skfmap.learner import predict_landmarks
+from skfmap.learner.landmark_model import LandmarkModel
 from skfmap.model_selection import PinnedReference
 from skfmap.report._evaluation import CrossValidation, folds_of, index_of_reference, trained
 from skfmap.shapes import Correspondence, Landmarks, Mesh, SkippedShape
 
 __all__ = ["LandmarkEvaluation", "evaluate_landmarks"]
+
+# What radii promise, as by default where landmarks are predicted.
+_COVERAGE = 0.9
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,10 +95,13 @@ def evaluate_landmarks(
     cv: CrossValidation | None = None,
     verbose: int = 0,
 ) -> LandmarkEvaluation:
-    """Leave specimens out in turn, train on the rest, and predict the landmarks of those left out.
+    """Return the landmarks of specimens that were left out in turn, predicted from the rest.
 
-    Parameters are those of the model, and so is the reference, in every fold. Bases and probes are
-    computed once.
+    The fit has left specimens out for the errors that it expects, and what it found is taken from
+    there: the deformation, what answers are moved by and the errors to expect are those of the
+    others; the start of the match and the stiffness of the reference are learned from all. With
+    ``cv`` everything is learned anew for each group, which takes a fit each. Parameters are those
+    of the model, and so is the reference.
 
     Parameters
     ----------
@@ -105,7 +112,9 @@ def evaluate_landmarks(
     landmarks : sequence of Landmarks or None
         Of each specimen, in the coordinates of its mesh; None where there are none.
     cv : int, cross-validation generator or iterable, optional
-        Splits the specimens without the reference; one at a time by default.
+        Splits the specimens without the reference, for fits of their own. By default nothing is
+        fitted, unless the model calibrated no errors (``confidence=None``): then one at a time is
+        left out.
     verbose : int, default=0
         1 tells each fold.
 
@@ -124,6 +133,8 @@ def evaluate_landmarks(
     learner, given = learner_and_shapes(model, X)
     usable = [i for i, shape in enumerate(given) if not isinstance(shape, SkippedShape)]
     index = index_of_reference(learner, given, usable)
+    if cv is None and learner.landmarks_ is not None and len(learner.landmarks_.left_out.indices):
+        return _left_out_by_fit(learner.landmarks_, given, y, landmarks)
     order = [index, *(i for i in usable if i != index)]
     shapes: list[Any] = [given[i] for i in order]
     truths: list[Any] = [y[i] for i in order]
@@ -148,3 +159,37 @@ def evaluate_landmarks(
         [found[i] for i in known],
         list(known.values()),
     )
+
+
+def _left_out_by_fit(
+    model: LandmarkModel,
+    shapes: Sequence[Any],
+    y: Sequence[Any],
+    landmarks: Sequence[Landmarks | None],
+) -> LandmarkEvaluation:
+    """Return what `fit` found on the specimens that it left out.
+
+    What it missed are the points of ``y``; ``landmarks`` may be those of another observer.
+    """
+    left = model.left_out
+    rows = [row for row, i in enumerate(left.indices) if landmarks[i] is not None]
+    rows.sort(key=lambda row: int(left.indices[row]))
+    meshes, predicted, true = [], [], []
+    for row in rows:
+        marks, spectral = landmarks[left.indices[row]], shapes[left.indices[row]].spectral
+        scale, group = np.sqrt(spectral.area), int(left.groups[row])
+        errors, radii = model.expected_errors(group), model.radii(_COVERAGE, group)
+        at = Landmarks(
+            in_order(y[left.indices[row]].landmarks, model.names) - scale * left.missed[row],
+            model.names,
+            name=spectral.name,
+            expected_error=None if errors is None else scale * errors,
+            radius=None if radii is None else scale * radii,
+            coverage=None if radii is None else _COVERAGE,
+        )
+        meshes.append(spectral.mesh)
+        predicted.append(at)
+        true.append(marks)
+    if not true:
+        raise ValueError("No specimen beside the reference has landmarks to compare with.")
+    return LandmarkEvaluation(meshes, predicted, true)
