@@ -15,7 +15,7 @@ from sklearn.model_selection import KFold, LeaveOneOut, cross_val_predict
 
 from skfmap import Mesh, SpectralBasis, check_mesh, repair_mesh
 from skfmap.commands.inputs import mesh_files
-from skfmap.datasets import load_collection, make_sphere
+from skfmap.datasets import load_collection, make_creatures, make_sphere
 from skfmap.exceptions import (
     CorrespondenceError,
     CoverageWarning,
@@ -23,6 +23,7 @@ from skfmap.exceptions import (
     RepairWarning,
     SkippedShapeWarning,
 )
+from skfmap.functional import wrong_pairs
 from skfmap.geometry.polygons import triangulate
 from skfmap.io import as_meshes, read_arrays, read_mesh, write_mesh
 from skfmap.model_selection import PinnedReference
@@ -688,3 +689,38 @@ def test_single_precision_far_away_is_called_by_its_name(northing, axes):
     with pytest.raises(MeshError, match="subtract an offset before saving"):
         SpectralBasis(5).transform([(merged, ball.faces)])
     assert "fatal" not in str(check_mesh((far, ball.faces)))
+
+
+# Right pairs that are called wrong
+
+
+@pytest.fixture(scope="module")
+def eigenfunctions():
+    """Return eigenfunctions of creatures at template points that all have, one array each."""
+    creatures = make_creatures(n_shapes=4, n_vertices=600)
+    shapes = SpectralBasis(25).transform(creatures.meshes)
+    by_point = [dict(truth.pairs[:, ::-1].tolist()) for truth in creatures.correspondences]
+    common = sorted(set.intersection(*map(set, by_point)))
+    return [
+        shape.evecs[[vertex[point] for point in common]] * np.sqrt(shape.mass.sum())
+        for shape, vertex in zip(shapes, by_point, strict=True)
+    ]
+
+
+@pytest.mark.parametrize("n", [50, 59, 60, 100, 200])
+def test_right_pairs_are_kept_and_wrong_ones_found(eigenfunctions, n):
+    """Of right pairs at most 1 % are dropped, whatever their areas; of exchanged ones most are."""
+    first, *others = eigenfunctions
+    rng = np.random.default_rng(n)
+    dropped, found = [], []
+    for evecs in others:
+        for _ in range(4):
+            at = rng.choice(len(first), n, replace=False)
+            areas = rng.gamma(1.0, size=n)
+            dropped.append(wrong_pairs(evecs[at], first[at], areas).mean())
+            bad = rng.choice(n, n // 10, replace=False)
+            images = first[at].copy()
+            images[bad] = np.roll(images[bad], 1, axis=0)
+            found.append(wrong_pairs(evecs[at], images, areas)[bad].mean())
+    assert np.mean(dropped) <= 0.01
+    assert np.mean(found) > 0.75
