@@ -1,7 +1,9 @@
 """Inputs of the field that were once wrong without a word: one test for each kind."""
 
+import base64
 import struct
 import warnings
+import zlib
 from pathlib import Path
 
 import numpy as np
@@ -571,7 +573,7 @@ def test_by_number_can_be_asked_for(tmp_path):
 
 def test_formats_that_are_not_read_are_named(tmp_path):
     _fill(tmp_path)
-    for name in ("s0.vtk", "t.msh", "lh.pial", "u.wrl", ".hidden.msh", "notes.txt", "s1.png"):
+    for name in ("s0.msh", "t.msh", "lh.pial", "u.wrl", ".hidden.msh", "notes.txt", "s1.png"):
         (tmp_path / name).write_bytes(b"")
     with pytest.warns(SkippedShapeWarning) as told:
         names = load_collection(tmp_path).names
@@ -724,3 +726,172 @@ def test_right_pairs_are_kept_and_wrong_ones_found(eigenfunctions, n):
             found.append(wrong_pairs(evecs[at], images, areas)[bad].mean())
     assert np.mean(dropped) <= 0.01
     assert np.mean(found) > 0.75
+
+
+# VTK
+
+
+def _as_vtk(vertices, lists, *, strips, binary, version):
+    """Return a legacy file, with an array before the polygons and one behind them."""
+
+    def numbers(values, kind):
+        values = np.asarray(values)
+        if binary:
+            return values.astype({"float": ">f4", "int": ">i4", "vtktypeint64": ">i8"}[kind])
+        return b" ".join(repr(value).encode() for value in values.ravel().tolist())
+
+    def block(head, values, kind):
+        return head.encode() + b"\n" + bytes(numbers(values, kind)) + b"\n"
+
+    corners = [corner for one in lists for corner in one]
+    counts = [len(one) for one in lists]
+    word = "TRIANGLE_STRIPS" if strips else "POLYGONS"
+    out = f"# vtk DataFile Version {version}\nmade here\n{'BINARY' if binary else 'ASCII'}\n"
+    out = out.encode() + b"DATASET POLYDATA\n"
+    out += block("FIELD FieldData 1\ntime 1 2 float", [1.5, 2.5], "float")
+    out += block(f"POINTS {len(vertices)} float", vertices, "float")
+    if version == "5.1":
+        out += b"METADATA\nINFORMATION 0\n\n"
+        out += f"{word} {len(lists) + 1} {len(corners)}\n".encode()
+        out += block("OFFSETS vtktypeint64", np.cumsum([0, *counts]), "vtktypeint64")
+        out += block("CONNECTIVITY vtktypeint64", corners, "vtktypeint64")
+    else:
+        table = [number for one in lists for number in (len(one), *one)]
+        out += block(f"{word} {len(lists)} {len(table)}", table, "int")
+    return out + block(
+        f"POINT_DATA {len(vertices)}\nSCALARS height float 1\nLOOKUP_TABLE default",
+        vertices[:, 2],
+        "float",
+    )
+
+
+def _as_vtp(vertices, lists, *, strips, form, packed, order, header):
+    ends = np.cumsum([len(one) for one in lists])
+    corners = np.array([corner for one in lists for corner in one])
+    size, appended = np.dtype({"<": "<", ">": ">"}[order] + header), b""
+
+    def data(values, kind):
+        nonlocal appended
+        values = np.asarray(values)
+        if form == "ascii":
+            return 'format="ascii"', " ".join(repr(one) for one in values.ravel().tolist())
+        content = values.astype(order + kind).tobytes()
+        head = np.array([len(content)], size).tobytes()
+        if packed:
+            blocks = [content[i : i + 500] for i in range(0, len(content), 500)]
+            small = [zlib.compress(one) for one in blocks]
+            sizes = [len(blocks), 500, len(blocks[-1]) % 500, *map(len, small)]
+            head, content = np.array(sizes, size).tobytes(), b"".join(small)
+        if form == "binary":
+            parts = [head, content] if packed else [head + content]
+            return 'format="binary"', "".join(base64.b64encode(one).decode() for one in parts)
+        at = len(appended)
+        appended += head + content
+        return f'format="appended" offset="{at}"', ""
+
+    def array(name, values, kind, n=1):
+        types = {"f4": "Float32", "i4": "Int32"}
+        how, text = data(values, kind)
+        return (
+            f'<DataArray type="{types[kind]}" Name="{name}" NumberOfComponents="{n}" {how}>'
+            f'<InformationKey name="x"><Value index="0">3</Value></InformationKey>{text}'
+            "</DataArray>"
+        )
+
+    section = "Strips" if strips else "Polys"
+    body = (
+        f'<PolyData><Piece NumberOfPoints="{len(vertices)}"><PointData>'
+        f"{array('height', vertices[:, 2], 'f4')}</PointData><Points>"
+        f"{array('Points', vertices, 'f4', 3)}</Points><{section}>"
+        f"{array('connectivity', corners, 'i4')}{array('offsets', ends, 'i4')}</{section}>"
+        "</Piece></PolyData>"
+    )
+    names = {"u4": "UInt32", "u8": "UInt64", "<": "LittleEndian", ">": "BigEndian"}
+    head = (
+        f'<?xml version="1.0"?><VTKFile type="PolyData" byte_order="{names[order]}" '
+        f'header_type="{names[header]}"'
+        + (' compressor="vtkZLibDataCompressor">' if packed else ">")
+    )
+    if form == "appended":
+        raw = b'<AppendedData encoding="raw">\n _' + appended + b"\n</AppendedData>"
+        return (head + body).encode() + raw + b"</VTKFile>"
+    return (head + body + "</VTKFile>").encode()
+
+
+def _band():
+    """Return a band of 5 x 3 points, as two strips and as quads."""
+    x, y = np.meshgrid(np.arange(5.0), np.arange(3.0))
+    vertices = np.stack([x.ravel(), y.ravel(), np.zeros(15)], axis=1)
+    strips = [[v for i in range(5) for v in (row * 5 + 5 + i, row * 5 + i)] for row in range(2)]
+    quads = [[a, a + 1, a + 6, a + 5] for row in range(2) for a in range(row * 5, row * 5 + 4)]
+    return vertices, strips, quads
+
+
+@pytest.mark.parametrize("strips", [False, True])
+@pytest.mark.parametrize("binary", [False, True])
+@pytest.mark.parametrize("version", ["3.0", "5.1"])
+def test_legacy_files_of_vtk_are_read(write, strips, binary, version):
+    vertices, *lists = _band()
+    content = _as_vtk(
+        vertices, lists[not strips], strips=strips, binary=binary, version=version
+    )  # fmt: skip
+    _is_the_band(*read_arrays(write("a.vtk", content)), vertices)
+
+
+@pytest.mark.parametrize("strips", [False, True])
+@pytest.mark.parametrize("form", ["ascii", "binary", "appended"])
+@pytest.mark.parametrize("packed", [False, True])
+@pytest.mark.parametrize(("order", "header"), [("<", "u4"), (">", "u8")])
+def test_vtp_files_are_read(write, strips, form, packed, order, header):
+    vertices, *lists = _band()
+    options = {"strips": strips, "form": form, "packed": packed, "order": order, "header": header}
+    content = _as_vtp(vertices, lists[not strips], **options)
+    _is_the_band(*read_arrays(write("a.vtp", content)), vertices)
+    if form == "appended":
+        with pytest.raises(MeshError, match=r"b\.vtp .*(truncated|unpacked)"):
+            read_arrays(write("b.vtp", content.replace(content[-150:-60], b"")))
+
+
+def _is_the_band(found, faces, vertices):
+    np.testing.assert_array_equal(found, vertices)
+    a, b, c = (found[faces[:, j]] for j in range(3))
+    np.testing.assert_allclose(np.cross(b - a, c - a), np.tile([0, 0, 1], (16, 1)))
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "said"),
+    [
+        ("a.vtk", "ply\n", "does not begin with '# vtk DataFile'"),
+        (
+            "a.vtk",
+            "# vtk DataFile Version 3.0\n.\nASCII\nDATASET UNSTRUCTURED_GRID\n",
+            "UNSTRUCTURED_GRID, not the POLYDATA.*ParaView",
+        ),
+        (
+            "a.vtk",
+            "# vtk DataFile Version 3.0\n.\nBINARY\nDATASET POLYDATA\nPOINTS 9 float\n00",
+            "truncated",
+        ),
+        ("a.vtp", '<VTKFile type="UnstructuredGrid"></VTKFile>', "UnstructuredGrid, not PolyData"),
+        ("a.vtp", '<VTKFile type="PolyData">', "no whole XML file"),
+        ("a.vtp", '<!DOCTYPE a [<!ENTITY b "b">]><VTKFile type="PolyData"/>', "XML entities"),
+        ("a.vtp", '<VTKFile type="PolyData" compressor="vtkLZ4DataCompressor"/>', "LZ4.*ZLib"),
+    ],
+)
+def test_files_of_vtk_that_cannot_be_read_say_why(write, name, content, said):
+    with pytest.raises(MeshError, match=rf"a\.vt. .*{said}"):
+        read_arrays(write(name, content))
+
+
+def test_a_folder_of_many_formats_is_read(tmp_path):
+    ball = make_sphere(n_subdivisions=1)
+    write_mesh(ball, tmp_path / "a.ply")
+    trimesh.Trimesh(ball.vertices, ball.faces, process=False).export(tmp_path / "b.glb")
+    options = {"strips": False, "binary": True, "version": "5.1"}
+    content = _as_vtk(ball.vertices, ball.faces.tolist(), **options)
+    for name in ("c.vtk", "a.vtk"):
+        (tmp_path / name).write_bytes(content)
+    with pytest.warns(SkippedShapeWarning, match=r"a\.vtk are left out, as meshes of the same"):
+        data = load_collection(tmp_path)
+    assert data.names == ["a", "b", "c"]
+    assert [mesh.n_vertices for mesh in data.meshes] == [18] * 3

@@ -21,6 +21,7 @@ from skfmap.exceptions import (
 )
 from skfmap.geometry.faults import share_of_common_edges
 from skfmap.io import (
+    MESH_SUFFIXES,
     READ_SUFFIXES,
     as_far_as_sound,
     n_vertices_of,
@@ -291,6 +292,7 @@ def _mesh_paths(folder: Path, pattern: str, reference: str | None) -> list[Path]
     paths = sorted(
         (p for p in seen if p.suffix.lower() in READ_SUFFIXES and p.name[0] != "."), key=_natural
     )
+    paths, twins = _without_twins(paths)
     other = unread_formats(folder, seen, paths)
     if not paths:
         raise FileNotFoundError(
@@ -299,6 +301,13 @@ def _mesh_paths(folder: Path, pattern: str, reference: str | None) -> list[Path]
         )
     if other:
         warn(other, SkippedShapeWarning)
+    if twins:
+        warn(
+            f"{folder}: {', '.join(path.name for path in twins[:_MOST])}"
+            f"{' and others' if len(twins) > _MOST else ''} are left out, as meshes of the same "
+            f"name are there as {', '.join(MESH_SUFFIXES)}.",
+            SkippedShapeWarning,
+        )
     stems = [path.stem for path in paths]
     twice = sorted({stem for stem in stems if stems.count(stem) > 1})
     if twice:
@@ -311,6 +320,15 @@ def _mesh_paths(folder: Path, pattern: str, reference: str | None) -> list[Path]
         raise ValueError(f"reference={reference!r} is not among the meshes found: {stems}.")
     first = stems.index(reference)
     return [paths[first], *paths[:first], *paths[first + 1 :]]
+
+
+def _without_twins(paths: list[Path]) -> tuple[list[Path], list[Path]]:
+    """Return the meshes without copies for viewing, in formats that are not written, and these."""
+    stems = {path.stem for path in paths if path.suffix.lower() in MESH_SUFFIXES}
+    twins = [
+        path for path in paths if path.stem in stems and path.suffix.lower() not in MESH_SUFFIXES
+    ]
+    return [path for path in paths if path not in twins], twins
 
 
 def _natural(path: Path) -> list[tuple[int, int | str]]:

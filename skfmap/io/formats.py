@@ -8,7 +8,7 @@ __all__ = ["MESH_SUFFIXES", "READ_SUFFIXES", "remedy_for", "unread_formats"]
 MESH_SUFFIXES = (".off", ".obj", ".ply", ".stl")
 """Formats that are read and written."""
 
-READ_SUFFIXES = (*MESH_SUFFIXES, ".glb", ".gltf")
+READ_SUFFIXES = (*MESH_SUFFIXES, ".glb", ".gltf", ".vtk", ".vtp")
 """Formats that are read."""
 
 _PARAVIEW = "ParaView and 3D Slicer save it as PLY"
@@ -20,7 +20,7 @@ _MESHLAB = "MeshLab saves it as PLY"
 
 # What other programs keep surfaces in, and how to get them out.
 _REMEDIES = {
-    **dict.fromkeys((".vtk", ".vtm", ".vtp", ".vtu"), _PARAVIEW),
+    **dict.fromkeys((".vtm", ".vtu"), _PARAVIEW),
     **dict.fromkeys((".inflated", ".orig", ".pial", ".smoothwm", ".sphere", ".white"), _BRAINS),
     ".gii": "nibabel reads it: nibabel.load(path).agg_data()",
     **dict.fromkeys((".blend", ".dae", ".fbx", ".usd", ".usda", ".usdc", ".usdz"), _BLENDER),

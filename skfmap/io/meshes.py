@@ -31,6 +31,7 @@ from skfmap.io.obj import read_obj
 from skfmap.io.off import read_off
 from skfmap.io.ply import read_ply
 from skfmap.io.scenes import read_gltf, read_stl
+from skfmap.io.vtk import read_vtk, read_vtp
 from skfmap.shapes import GivenMesh, Mesh, Registered, SkippedShape
 
 __all__ = [
@@ -51,7 +52,13 @@ __all__ = [
 # vertices. Its seven digits do so where a mesh is 1,700 times its extent away from the origin.
 _MOST_LOST = 1e-4
 
-_OWN_READERS = {".off": read_off, ".obj": read_obj, ".ply": read_ply}
+_OWN_READERS = {
+    ".off": read_off,
+    ".obj": read_obj,
+    ".ply": read_ply,
+    ".vtk": read_vtk,
+    ".vtp": read_vtp,
+}
 _OTHER_READERS = {".stl": read_stl, ".glb": read_gltf, ".gltf": read_gltf}
 
 
@@ -76,7 +83,9 @@ MeshLike: TypeAlias = Mesh | SkippedShape | TrimeshLike | Sequence[npt.ArrayLike
 
 
 def read_mesh(path: str | Path) -> Mesh:
-    """Read an OFF, OBJ, PLY, STL, GLB or GLTF file; vertices keep their number and their order.
+    """Read a mesh from a file; vertices keep their number and their order.
+
+    OFF, OBJ, PLY, STL, GLB, GLTF, and surfaces of VTK (.vtk, .vtp).
 
     STL files have no vertex numbers: there, corners at exactly one position become one vertex,
     numbered by first appearance. Faces of more than three corners are cut into triangles that cover
@@ -133,6 +142,12 @@ def read_arrays(path: str | Path) -> tuple[FloatArray, IntArray]:
             crossing = faces[:0, 0]
     except MeshError as error:
         raise MeshError(f"{path} cannot be read: it {error}") from None
+    except Exception as error:
+        said = str(error).rstrip(".")
+        raise MeshError(
+            f"{path} cannot be read: it is damaged, or not of the format that its name says "
+            f"({type(error).__name__}: {said})."
+        ) from error
     if len(crossing):
         warn(
             f"{path} has {len(crossing)} faces that cross themselves, the first is face "

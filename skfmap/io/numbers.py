@@ -8,7 +8,15 @@ import numpy as np
 from skfmap._tools.types import FloatArray, IntArray
 from skfmap.exceptions import MeshError
 
-__all__ = ["Polygons", "as_text", "numbers_of", "polygons_of_lines", "table_of_lines", "whole"]
+__all__ = [
+    "Polygons",
+    "as_text",
+    "numbers_of",
+    "polygons_of_lines",
+    "strips_as_polygons",
+    "table_of_lines",
+    "whole",
+]
 
 # Byte order marks; that of UTF-32 begins like that of UTF-16, and comes first.
 _MARKS = (
@@ -143,3 +151,28 @@ def _cut_short(line: bytes, said: str) -> MeshError:
 
 def _quoted(line: bytes) -> str:
     return repr(line.decode("latin-1").strip()[:_SHOWN])
+
+
+def strips_as_polygons(strips: Polygons) -> Polygons:
+    """Return the triangles of strips, in which each vertex makes one with the two before it.
+
+    Every other one is turned. -1 begins a new strip, and a vertex that is there twice only leads to
+    the next part.
+    """
+    values = strips.corners
+    begins = np.zeros(len(values) + 1, dtype=bool)
+    begins[np.cumsum(strips.counts)] = True
+    begins[0] = True
+    restart = values < 0
+    begins[1:][restart] = True
+    begins[:-1][restart] = True
+    at = np.arange(len(values))
+    first = np.maximum.accumulate(np.where(begins[:-1], at, 0))
+    rank = at - first
+    third = np.flatnonzero((rank >= 2) & ~restart)
+    faces = np.stack([values[third - 2], values[third - 1], values[third]], axis=1)
+    odd = rank[third] % 2 == 1
+    faces[odd] = faces[odd][:, [1, 0, 2]]
+    a, b, c = faces.T
+    faces = faces[(a != b) & (b != c) & (c != a)]
+    return Polygons(faces.ravel(), np.full(len(faces), 3))

@@ -7,7 +7,7 @@ import numpy as np
 
 from skfmap._tools.types import Array, FloatArray, IntArray
 from skfmap.exceptions import MeshError
-from skfmap.io.numbers import Polygons, as_text, table_of_lines, whole
+from skfmap.io.numbers import Polygons, as_text, strips_as_polygons, table_of_lines, whole
 
 __all__ = ["read_ply"]
 
@@ -64,7 +64,9 @@ def read_ply(content: bytes) -> tuple[FloatArray, Polygons]:
     if "face" in read and (found := _indices(read["face"], "faces")).counts.size:
         return vertices, Polygons(whole(found.values, "a face"), found.counts)
     if "tristrips" in read:
-        return vertices, _of_strips(_indices(read["tristrips"], "triangle strips"))
+        strips = _indices(read["tristrips"], "triangle strips")
+        corners = whole(strips.values, "a triangle strip")
+        return vertices, strips_as_polygons(Polygons(corners, strips.counts))
     what = (
         "a grid of range images (range_grid), which is not read: save it with faces"
         if "range_grid" in names
@@ -298,28 +300,3 @@ def _indices(element: dict[str, object], what: str) -> _List:
         f"has {what} without the list vertex_indices, but with {', '.join(element)}. Export it "
         "again."
     )
-
-
-def _of_strips(strips: _List) -> Polygons:
-    """Return the triangles of strips, in which each vertex makes one with the two before it.
-
-    Every other one is turned. -1 begins a new strip, and a vertex that is there twice only leads to
-    the next part.
-    """
-    values = whole(strips.values, "a triangle strip")
-    begins = np.zeros(len(values) + 1, dtype=bool)
-    begins[np.cumsum(strips.counts)] = True
-    begins[0] = True
-    restart = values < 0
-    begins[1:][restart] = True
-    begins[:-1][restart] = True
-    at = np.arange(len(values))
-    first = np.maximum.accumulate(np.where(begins[:-1], at, 0))
-    rank = at - first
-    third = np.flatnonzero((rank >= 2) & ~restart)
-    faces = np.stack([values[third - 2], values[third - 1], values[third]], axis=1)
-    odd = rank[third] % 2 == 1
-    faces[odd] = faces[odd][:, [1, 0, 2]]
-    a, b, c = faces.T
-    faces = faces[(a != b) & (b != c) & (c != a)]
-    return Polygons(faces.ravel(), np.full(len(faces), 3))
