@@ -29,7 +29,7 @@ from skfmap.functional import wrong_pairs
 from skfmap.geometry.polygons import triangulate
 from skfmap.io import as_meshes, read_arrays, read_mesh, write_mesh
 from skfmap.model_selection import PinnedReference
-from skfmap.shapes import SkippedShape
+from skfmap.shapes import Correspondence, SkippedShape
 from skfmap.shapes.crowded import crowded_points
 
 
@@ -509,6 +509,18 @@ def test_a_number_that_stands_for_none_is_warned_of(tmp_path, kind, sentinel):
     with pytest.warns(CoverageWarning, match=rf"'s1' \(.* {sentinel} stands for {n} of 66") as told:
         load_collection(tmp_path)
     assert "'s0'" not in str(told[0].message)
+
+
+def test_a_number_that_stands_for_none_is_warned_of_in_memory_too(make_learner, probed, collection):
+    truths = list(collection.truths[:4])
+    pairs = truths[2].pairs.copy()
+    pairs[:40, 1] = 0
+    truths[2] = Correspondence(pairs)
+    with pytest.warns(CoverageWarning) as told:
+        make_learner(weighting=None).fit(probed[:4], truths)
+    (message,) = [str(one.message) for one in told if "stands for many" in str(one.message)]
+    assert "'body2') (template point 0 stands for 4" in message
+    assert "body1" not in message
 
 
 @settings(max_examples=40, deadline=None)

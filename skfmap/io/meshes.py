@@ -136,6 +136,8 @@ def read_arrays(path: str | Path) -> tuple[FloatArray, IntArray]:
     try:
         if suffix in _OWN_READERS:
             vertices, polygons = _OWN_READERS[suffix](content)
+            if (polygons.counts < 0).any() or polygons.counts.sum() != len(polygons.corners):
+                raise MeshError("has faces whose numbers of corners do not add up: it is damaged.")
             faces, crossing = triangulate(vertices, *polygons)
         else:
             vertices, faces = _OTHER_READERS[suffix](path, content)

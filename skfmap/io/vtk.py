@@ -168,7 +168,7 @@ def read_vtp(content: bytes) -> tuple[FloatArray, Polygons]:
                 corners = np.asarray(piece[section, "connectivity"], dtype=np.float64)
                 cells = Polygons(whole(corners, "a face") + n_points, np.diff(ends, prepend=0))
                 if (cells.counts < 0).any() or cells.counts.sum() != len(cells.corners):
-                    raise MeshError("has faces whose offsets do not add up. Is it damaged?")
+                    raise MeshError("has faces whose offsets do not add up: it is damaged.")
                 polygons.append(cells if section == "Polys" else strips_as_polygons(cells))
         points.append(own)
         n_points += len(own)

@@ -10,6 +10,7 @@ import numpy as np
 from sklearn.exceptions import ConvergenceWarning
 
 from skfmap._tools.types import FloatArray
+from skfmap._tools.validation import label
 from skfmap._tools.warn import warn
 from skfmap.exceptions import (
     CoverageWarning,
@@ -27,6 +28,7 @@ from skfmap.learner.mirrored import is_against
 from skfmap.learner.training_set import TrainingSet
 from skfmap.registration import Quality
 from skfmap.shapes import Registered
+from skfmap.shapes.crowded import crowded_points
 from skfmap.shapes.usable import Usable, describe
 
 __all__ = [
@@ -190,8 +192,27 @@ def _coverage(training: TrainingSet) -> list[Finding]:
     names = [training.describe(i) for i in range(len(training.shapes))]
     return [
         Finding(CoverageWarning, message)
-        for message in [*coverage_messages(training.known, names, training.k), *training.told]
+        for message in [
+            *coverage_messages(training.known, names, training.k),
+            *training.told,
+            *_crowded(training, names),
+        ]
     ]
+
+
+def _crowded(training: TrainingSet, names: list[str]) -> list[str]:
+    """Name shapes where a number that stands for "none" was taken for a point."""
+    called = [label(training.reference.name, "the reference"), *names]
+    told = [
+        f"{who} ({said})"
+        for who, truth in zip(called, [training.truth_0, *training.truths], strict=True)
+        if (said := crowded_points(*truth.pairs.T))
+    ]
+    message = (
+        f"One number stands for many in the correspondences of {'; '.join(told)}. Does it mean "
+        '"none"? Leave such pairs out, or write -1: they spoil what is learned.'
+    )
+    return [message] if told else []
 
 
 def _convergence(learned: LearnedMaps, tol: float) -> list[Finding]:
