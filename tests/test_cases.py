@@ -344,6 +344,22 @@ def test_a_binary_stl_file_may_begin_like_text(write):
     assert (len(vertices), len(faces)) == (66, 128)
 
 
+def test_an_stl_file_of_several_solids_is_read_whole(write):
+    """Two halves of a ball, one behind the other, make all of it."""
+    vertices, faces = _ball()
+    halves = [trimesh.Trimesh(vertices, part, process=False) for part in np.split(faces, 2)]
+    text = "\n".join(half.export(file_type="stl_ascii") for half in halves)
+    found, triangles = read_arrays(write("a.stl", text + "\n"))
+    assert (len(found), len(triangles)) == (66, 128)
+    assert _area(found, triangles) == pytest.approx(_area(vertices, faces), rel=1e-6)
+
+
+def test_pairs_may_be_in_utf_16(tmp_path):
+    _fill(tmp_path, 1)
+    (tmp_path / "s0.txt").write_bytes("3 0\n5 1\n".encode("utf-16"))
+    assert load_collection(tmp_path).correspondences[0].pairs.tolist() == [[3, 0], [5, 1]]
+
+
 # glTF
 
 

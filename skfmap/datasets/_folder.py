@@ -29,6 +29,7 @@ from skfmap.io import (
     unread_formats,
 )
 from skfmap.io.tables import is_table_of_points
+from skfmap.io.texts import read_text
 from skfmap.shapes import Correspondence, Landmarks, Mesh, SkippedShape
 from skfmap.shapes.crowded import crowded_points
 from skfmap.shapes.usable import warn_of_repairs, warn_of_skipped
@@ -466,7 +467,11 @@ def _read_numbers(path: Path) -> Array:
         raise CorrespondenceError(f"{path} is empty.")
     try:
         file = io.BytesIO(content)
-        values = np.load(file, allow_pickle=False) if path.suffix == ".npy" else np.loadtxt(file)
+        values = (
+            np.load(file, allow_pickle=False)
+            if path.suffix == ".npy"
+            else np.loadtxt(read_text(path))
+        )
     except Exception as error:
         said = str(error).rstrip(".")
         raise CorrespondenceError(

@@ -28,16 +28,20 @@ def read_stl(path: Path, content: bytes) -> tuple[FloatArray, IntArray]:
     """
     n_said = int.from_bytes(content[80:84], "little")
     if len(content) < 84 or len(content) != 84 + 50 * n_said:
-        content = _stl_text(content, n_said)
+        content, n_said = _stl_text(content, n_said)
     loaded = _load(path, content, "stl")
+    if len(loaded.faces) != n_said:
+        raise MeshError(
+            f"holds {n_said} triangles, but {len(loaded.faces)} were read. Export it as PLY."
+        )
     vertices, faces = _weld(np.asarray(loaded.vertices), np.asarray(loaded.faces))
     if len(faces) == 0:
         raise MeshError("holds no triangles. Export it again, or leave it out.")
     return vertices, faces
 
 
-def _stl_text(content: bytes, n_said: int) -> bytes:
-    """Return an STL file of text; raise where it is none, or not whole."""
+def _stl_text(content: bytes, n_said: int) -> tuple[bytes, int]:
+    """Return an STL file of text, and its number of triangles; raise where it is not whole."""
     try:
         text = as_text(content)
     except MeshError:
@@ -61,7 +65,7 @@ def _stl_text(content: bytes, n_said: int) -> bytes:
             f"begins {n_facets} triangles, but ends {words.count(b'endfacet')} of them with "
             f"{words.count(b'vertex')} corners: the file is truncated, or damaged. Export it again."
         )
-    return text
+    return text, n_facets
 
 
 def _weld(vertices: FloatArray, faces: IntArray) -> tuple[FloatArray, IntArray]:
