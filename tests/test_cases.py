@@ -10,6 +10,8 @@ import pytest
 import trimesh
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from sklearn.base import clone
+from sklearn.model_selection import KFold, LeaveOneOut, cross_val_predict
 
 from skfmap import Mesh, check_mesh
 from skfmap.commands.inputs import mesh_files
@@ -23,6 +25,8 @@ from skfmap.exceptions import (
 )
 from skfmap.geometry.polygons import triangulate
 from skfmap.io import as_meshes, read_arrays, read_mesh, write_mesh
+from skfmap.model_selection import PinnedReference
+from skfmap.shapes import SkippedShape
 from skfmap.shapes.crowded import crowded_points
 
 
@@ -585,3 +589,45 @@ def test_the_command_line_names_them_too(tmp_path):
     (tmp_path / "lh.pial").write_bytes(b"")
     with pytest.warns(SkippedShapeWarning, match=r"lh\.pial"):
         assert [path.name for path in mesh_files([tmp_path])] == ["s0.off"]
+
+
+# One reference in every fold
+
+
+def _skipped(name):
+    return SkippedShape(name, "It is broken.", 5)
+
+
+@pytest.mark.parametrize("cv", [2, 3, LeaveOneOut(), KFold(3, shuffle=True, random_state=1)])
+@pytest.mark.parametrize("skipped", [[], [4], [1, 6]])
+def test_every_sample_is_predicted_once_and_never_without_the_reference(cv, skipped):
+    X = [_skipped(f"s{i}") if i in skipped else f"s{i}" for i in range(8)]
+    splits = list(PinnedReference(cv, predict_all=True).split(X))
+    assert sorted(np.concatenate([test for _, test in splits])) == list(range(8))
+    plain = list(PinnedReference(cv).split(X))
+    for (train, test), (train_0, test_0) in zip(splits, plain, strict=True):
+        assert train.tolist() == train_0.tolist()
+        assert train[0] == 0
+        assert not set(train[1:]) & set(test)
+        assert set(test) - {0, *skipped} == set(test_0)
+
+
+def test_cross_val_predict_gives_maps_to_one_reference(make_learner, probed, collection):
+    X, y = probed, collection.truths
+    learner = make_learner(weighting=None)
+    maps = cross_val_predict(learner, X, y, cv=PinnedReference(2, predict_all=True))
+    for train, test in PinnedReference(2).split(X):
+        fitted = clone(learner).fit([X[i] for i in train], [y[i] for i in train])
+        assert fitted.reference_.name == X[0].name
+        np.testing.assert_allclose(maps[test], fitted.predict([X[i] for i in test]), atol=1e-12)
+
+
+def test_a_named_reference_that_a_fold_lacks_is_an_error(make_learner, probed, collection):
+    learner = make_learner(weighting=None, reference=probed[0].name)
+    with pytest.raises(ValueError, match="must name exactly one of the training shapes"):
+        cross_val_predict(learner, probed, collection.truths, cv=2)
+
+
+def test_a_data_frame_of_paths_is_split_by_its_rows():
+    X = pd.DataFrame({"path": [f"s{i}.off" for i in range(7)]})
+    assert len(list(PinnedReference(3).split(X))) == PinnedReference(3).get_n_splits(X) == 3

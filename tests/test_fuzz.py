@@ -238,7 +238,6 @@ HOSTILE_TRUTHS = {
     "structured/f.npy": _npy(np.zeros(3, dtype=[("a", "<i8"), ("b", "<i8")])),
     "complex/f.npy": _npy(np.zeros((3, 2), dtype=complex)),
     "times/f.npy": _npy(np.zeros((3, 2), dtype="M8[s]")),
-    "utf16/f.vts": "1\n2\n".encode("utf-16"),
     "words/f.txt": b"one two\n",
     "ragged/f.txt": b"1 2\n3\n",
     "negative/f.vts": b"-1\n",

@@ -7,9 +7,14 @@ import numpy as np
 import pytest
 
 import skfmap
-from skfmap import Correspondence, DescriptorTransformer, SpectralBasis
+from skfmap import Correspondence, DescriptorTransformer, Mesh, SpectralBasis
 from skfmap.datasets import make_creatures
-from skfmap.exceptions import CorrespondenceError, CoverageWarning, SkippedShapeWarning
+from skfmap.exceptions import (
+    CorrespondenceError,
+    CoverageWarning,
+    OrientationWarning,
+    SkippedShapeWarning,
+)
 from skfmap.functional import (
     calibrated_covariance,
     farthest_points,
@@ -277,6 +282,46 @@ def test_landmarks_on_one_side_or_in_one_plane_are_enough_and_told(creatures):
         assert _error(shapes, truths, built.pairs) < 0.1
 
 
+def test_landmarks_between_vertices_on_thinned_meshes():
+    made = make_creatures(n_shapes=2, n_vertices=1200)
+    spectral = SpectralBasis(n_components=40, max_vertices=500).transform(made.meshes)
+    shapes = DescriptorTransformer().transform(spectral)
+    assert not shapes[0].spectral.keeps_vertices
+    spread = farthest_points(made.meshes[0].vertices[made.correspondences[0].pairs[:, 0]], 13)
+    chosen = made.correspondences[0].pairs[spread, 1]
+    marked = []
+    for mesh, truth in zip(made.meshes, made.correspondences, strict=True):
+        at = dict(truth.pairs[:, ::-1].tolist())
+        vertices = [at[point] for point in chosen]
+        faces = [mesh.faces[(mesh.faces == vertex).any(axis=1)][0] for vertex in vertices]
+        inside = 0.9 * mesh.vertices[vertices] + 0.1 * mesh.vertices[faces].mean(axis=1)
+        marked.append(Correspondence.from_points(inside, mesh))
+    assert marked[0].places.weights.max() < 1
+    (built,) = FromLandmarks().build(_given(shapes, marked))
+    true = made.correspondences[1].join(made.correspondences[0])
+    where = np.full(made.meshes[1].n_vertices, -1)
+    where[true.vertices_i] = true.vertices_0
+    known = where[built.pairs.vertices_i] >= 0
+    assert known.sum() > 150
+    x = made.meshes[0].vertices
+    off = x[built.pairs.vertices_0[known]] - x[where[built.pairs.vertices_i[known]]]
+    assert np.linalg.norm(off, axis=1).mean() < 0.06 * np.sqrt(made.meshes[0].area)
+
+
+@pytest.mark.parametrize("on_mirrored", ["warn", "reflect"])
+def test_a_mirrored_shape_is_found_by_few_landmarks(creatures, few, on_mirrored):
+    shapes, *_ = creatures
+    mesh = shapes[2].spectral.mesh
+    mirrored = Mesh(mesh.vertices * [-1, 1, 1], mesh.faces[:, ::-1], "mirrored")
+    spectral = SpectralBasis(n_components=40).transform([mirrored])
+    X = [*shapes[:2], *DescriptorTransformer().transform(spectral), shapes[3]]
+    with pytest.warns(OrientationWarning, match="mirror") as caught:
+        _learner(on_mirrored=on_mirrored).fit(X, few)
+    (told,) = [str(w.message) for w in caught if w.category is OrientationWarning]
+    assert "mirrored" in told
+    assert ("were reflected" in told) == (on_mirrored == "reflect")
+
+
 def test_maps_are_built_once_with_a_memory(creatures, few, tmp_path):
     shapes, *_ = creatures
     given = _given(shapes[:2], few[:2])
@@ -328,7 +373,7 @@ def test_a_fit_says_what_it_did(creatures, few, capsys):
 @pytest.mark.parametrize(
     ("parameter", "message"),
     [
-        ("landmarks", "known_maps must be one of 'auto', 'from-landmarks', 'pairs', None, or"),
+        ("landmarks", "known_maps must be one of 'auto', 'from-landmarks', "),
         (FromLandmarks, r"Did you mean FromLandmarks\(\)\?"),
         (FromLandmarks(n_samples=10), "n_samples"),
         (FromLandmarks(final_steps=0), "final_steps"),

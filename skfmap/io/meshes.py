@@ -132,7 +132,7 @@ def read_arrays(path: str | Path) -> tuple[FloatArray, IntArray]:
             vertices, faces = _OTHER_READERS[suffix](path, content)
             crossing = faces[:0, 0]
     except MeshError as error:
-        raise MeshError(f"{path} {error}") from None
+        raise MeshError(f"{path} cannot be read: it {error}") from None
     if len(crossing):
         warn(
             f"{path} has {len(crossing)} faces that cross themselves, the first is face "

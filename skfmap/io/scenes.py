@@ -141,6 +141,6 @@ def _load(path: Path, content: bytes, kind: str) -> Any:
     except Exception as error:
         said = str(error).rstrip(".")
         raise MeshError(
-            "cannot be read as a triangle mesh; is it whole, and of the format that its name says? "
-            f"The reader says: {type(error).__name__}: {said}."
+            "holds no triangle mesh; is it whole, and of the format that its name says? The reader "
+            f"says: {type(error).__name__}: {said}."
         ) from error

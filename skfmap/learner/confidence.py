@@ -30,6 +30,11 @@ UNREFINED, REFINED = "unrefined", "refined"
 # (true 0.0353).
 _MAX_ITER, _TOL = 60, 1e-3
 
+# Built pairs are off as landmarks are that were left out of the building, and matches in part as
+# they are: so much of it is added, in squares. On cats left out, with 13 landmarks on each training
+# shape, expected errors are 0.80, 1.0 and 1.41 of the true ones with 0, a half and all of it.
+_OWN_PART = 0.5
+
 
 class Trust(NamedTuple):
     """How far to trust a match: at each vertex, and as a whole (`Match` says what each is)."""
@@ -249,8 +254,8 @@ def _observe(matcher: Matcher, shape: ProbedShape, observed: Observed, watch: Wa
 
 
 def _with_error_of_pairs(observation: Observation, error: float) -> Observation:
-    """Return errors with what the pairs themselves are off: both are taken as independent."""
-    return observation._replace(errors=np.hypot(observation.errors, error))
+    """Return errors with the part that matches and built pairs do not have in common."""
+    return observation._replace(errors=np.hypot(observation.errors, _OWN_PART * error))
 
 
 def _weighted(observation: Observation, share: float) -> Observation:

@@ -80,8 +80,8 @@ class LandmarkModel:
         most training shapes have those that the reference lacks. Rows sum to 1.
     offsets : ndarray of shape (n_landmarks, 3)
         What the surface's answers lack in the mean on training shapes left out, as the reference
-        stands, less what is noise (James and Stein 1961). It holds also how far from the surface an
-        observer puts points.
+        stands, shrunk where these are few. It holds also how far from the surface an observer puts
+        points.
     left_out : LeftOut
         What answers missed on training shapes left out; without rows if none were.
     """
