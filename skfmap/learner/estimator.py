@@ -603,7 +603,9 @@ class WeightedFunctionalMapLearner(CallbackSupportMixin, Versioned, BaseEstimato
         the learning and of the mean that answers are moved by, pooled over landmarks. Radii hold
         what they promise in the mean over shapes and landmarks like these, as far as models learned
         from somewhat fewer shapes err as this one does (which cross-validation takes for granted);
-        not for each landmark, and for this observer's points only.
+        not for each landmark, and for this observer's points only. Where some shapes are much
+        harder than others, and few were left out, radii can hold a few in a hundred less. Training
+        shapes of any weight above 0 count alike.
         """
         usable = self._usable(X)
         if check_number(coverage, "coverage", low=0, strict=True) >= 1:

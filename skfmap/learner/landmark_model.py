@@ -11,6 +11,7 @@ from skfmap._tools.types import BoolArray, FloatArray, IntArray, SparseMatrix
 from skfmap.functional.left_out import (
     least_calibrating,
     pooled_quantile,
+    scales_of_others,
     shrunk_mean,
     shrunk_scales,
 )
@@ -54,10 +55,10 @@ class LeftOut(NamedTuple):
     @classmethod
     def nothing(cls, n_landmarks: int) -> Self:
         """Return that of no shape."""
-        none = np.empty(0, dtype=np.int64)
-        return cls(
-            none, none, np.empty((0, n_landmarks, 3)), np.empty((0, n_landmarks), dtype=bool)
-        )
+        # Each an array of its own: one array in two places is not read from a file again.
+        indices, groups = (np.empty(0, dtype=np.int64) for _ in range(2))
+        right = np.empty((0, n_landmarks), dtype=bool)
+        return cls(indices, groups, np.empty((0, n_landmarks, 3)), right)
 
     @property
     def distances(self) -> FloatArray:
@@ -130,10 +131,12 @@ class LandmarkModel:
         None if too few shapes were left out to promise that. ``but`` is a group that is not asked.
         """
         distances = self._distances(but)
-        if np.isfinite(distances).any(axis=1).sum() < least_calibrating(coverage):
+        n_told = np.isfinite(distances).any(axis=1).sum()
+        if n_told < max(2, least_calibrating(coverage)):
             return None
-        scales = shrunk_scales(distances)
-        return pooled_quantile(distances, scales, coverage) * scales
+        # As that of a new shape, the distances of each are measured by what others say.
+        scales = scales_of_others(distances)
+        return pooled_quantile(distances, scales, coverage) * shrunk_scales(distances)
 
     def _distances(self, but: int | None) -> FloatArray:
         left = self.left_out
