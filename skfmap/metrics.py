@@ -32,6 +32,7 @@ from skfmap._tools.unwrap import learner_and_shapes
 from skfmap._tools.validation import check_choice, check_sample_weight
 from skfmap.exceptions import CorrespondenceError
 from skfmap.functional.stable_basis import basis_error
+from skfmap.learner.models import predict_landmarks
 from skfmap.shapes import Correspondence, Landmarks
 from skfmap.shapes.usable import Answer
 
@@ -109,12 +110,24 @@ class _LandmarkScorer:
 
         Shapes without a measured point that was learned do not count.
         """
-        learner, shapes = learner_and_shapes(estimator, X)
-        found = learner.predict_landmarks(shapes)
+        found = predict_landmarks(estimator, X)
         if len(found) != len(y):
             raise ValueError(f"X has {len(found)} shapes and y {len(y)} correspondences.")
+        _check_names(found, y)
         means = [_mean_distance(marks, truth) for marks, truth in zip(found, y, strict=True)]
         return -mean_over_shapes(means, check_sample_weight(sample_weight, len(means)))
+
+
+def _check_names(found: Sequence[Landmarks], y: Sequence[object]) -> None:
+    """Raise where no shape was measured at a landmark that was learned."""
+    measured = [one.landmarks for one in y if isinstance(one, Correspondence)]
+    given = dict.fromkeys(name for one in measured if one is not None for name in one.names)
+    learned = found[0].names if found else ()
+    if given and not set(given) & set(learned):
+        raise CorrespondenceError(
+            f"No landmark of y was learned: {', '.join(given)} against {', '.join(learned)}. "
+            "Landmarks correspond by their names, or by their numbers in training and here."
+        )
 
 
 def _mean_distance(found: Landmarks, truth: object) -> float:

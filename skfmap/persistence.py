@@ -44,6 +44,7 @@ TRUSTED_TYPES = (
     "skfmap.functional.regularization.LearnedMask",
     "skfmap.known_maps.AutoKnownMaps",
     "skfmap.known_maps.FromLandmarks",
+    "skfmap.known_maps.InSpace",
     "skfmap.known_maps.KnownMapsRecord",
     "skfmap.known_maps.PairsAsGiven",
     "skfmap.learner.across.Across",

@@ -222,7 +222,7 @@ def told_of_marked(marked):
     """What training says of the folder of landmarks."""
     out = io.StringIO()
     with contextlib.redirect_stdout(out):
-        assert run("train", marked.training, "-o", marked.model, "--folds", "2", *_SMALL) == 0
+        assert run("train", marked.training, "-o", marked.model, *_SMALL) == 0
     return out.getvalue()
 
 

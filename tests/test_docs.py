@@ -128,7 +128,7 @@ _ELSEWHERE = {
         "health.repair_mesh",
     ),
     *("io.as_arrays", "io.as_far_as_sound", "io.check_meshes", "io.n_vertices_of", "io.named"),
-    *("io.open_given", "io.read_arrays"),
+    *("io.open_given", "io.read_arrays", "io.READ_SUFFIXES", "io.unread_formats"),
 }
 
 

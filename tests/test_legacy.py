@@ -45,6 +45,8 @@ def test_a_model_of_before_matches_as_it_did(suffix, new_shape, tmp_path):
     assert learner.loss_ == learner.loss_curve_[-1]
     assert "bridge" not in learner.get_params()
     assert learner.get_params()["on_mirrored"] == "warn"
+    assert learner.landmarks_ is None
+    assert learner.known_maps_ is None
     if suffix == "skops":
         save_model(model, tmp_path / "again.skops")
         (again,) = skfmap.match(load_model(tmp_path / "again.skops"), [new_shape])

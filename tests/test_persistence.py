@@ -15,8 +15,9 @@ from sklearn.preprocessing import FunctionTransformer
 import skfmap
 from skfmap.descriptors import FunctionProbes, default_families
 from skfmap.exceptions import VersionWarning
+from skfmap.learner.parameters import WORDS
 from skfmap.model_selection import PinnedReference
-from skfmap.persistence import load_model, save_model
+from skfmap.persistence import TRUSTED_TYPES, load_model, save_model
 
 needs_skops = pytest.mark.skipif(
     "not __import__('importlib.util').util.find_spec('skops')", reason="skops is missing"
@@ -143,6 +144,13 @@ def test_a_file_with_strange_things_in_it_is_refused_before_it_is_loaded(tmp_pat
     ):
         assert (
             load_model(path, trusted=[own, "skfmap.descriptors.FunctionProbes"]).function is height
+        )
+
+
+def test_every_part_that_a_word_stands_for_can_be_loaded_again():
+    for parts in WORDS.values():
+        assert {f"{part.__module__}.{part.__qualname__}" for part in parts.values()} <= set(
+            TRUSTED_TYPES
         )
 
 

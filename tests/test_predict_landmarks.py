@@ -1,6 +1,8 @@
 """Landmarks of new shapes: places, offsets, errors to expect, and what is missing."""
 
 import pickle
+from copy import copy
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -12,8 +14,8 @@ from sklearn.base import clone
 from sklearn.model_selection import cross_val_score
 
 import skfmap
-from skfmap import Correspondence, Mesh
-from skfmap.exceptions import CorrespondenceError
+from skfmap import BridgedLearner, Correspondence, Mesh
+from skfmap.exceptions import CorrespondenceError, CoverageWarning, OrientationWarning
 from skfmap.functional.left_out import (
     least_calibrating,
     pooled_quantile,
@@ -21,6 +23,8 @@ from skfmap.functional.left_out import (
     shrunk_scales,
 )
 from skfmap.geometry.normals import vertex_normals
+from skfmap.learner import landmark_model
+from skfmap.learner.confidence import matchers_without
 from skfmap.metrics import get_scorer
 from skfmap.model_selection import PinnedReference
 from skfmap.persistence import load_model, save_model
@@ -112,13 +116,83 @@ def test_a_missing_landmark_costs_that_point_on_that_shape(
 
     some = [without(0, 3), without(1, 7), *measured[2:5]]
     fitted = clone(learner).fit(probed[:5], some)
-    assert fitted.landmarks_.names[:1] == NAMES[:1]
-    assert sorted(fitted.landmarks_.names) == sorted(NAMES)
+    assert fitted.landmarks_.names == NAMES  # in the order of the template
     (marks,) = fitted.predict_landmarks(probed[5:])
     true = points_on_bodies(BENDS[5])
     size = np.sqrt(probed[5].spectral.area)
     for name in ("mark 3", "mark 7"):
         assert np.linalg.norm(marks.point(name) - true[NAMES.index(name)]) < 0.1 * size
+
+
+def test_a_landmark_of_one_shape_alone_is_not_judged_by_itself(
+    learner, probed, collection, measured, points_on_bodies
+):
+    marks = []
+    for i, mesh in enumerate(collection.meshes[:5]):
+        points = points_on_bodies(BENDS[i]).copy()
+        if i != 2:
+            points[3] = np.nan
+        marks.append(Correspondence.from_points(points, mesh, NAMES))
+    model = clone(learner).fit(probed[:5], marks).landmarks_
+    distances = model.left_out.distances
+    assert np.isnan(distances[:, 3]).all()
+    assert not model.offsets[3].any()
+    assert model.expected_errors()[3] == pytest.approx(np.nanmean(distances))
+
+
+def test_landmarks_that_were_found_to_be_wrong_do_not_count(
+    learner, probed, collection, measured, points_on_bodies
+):
+    points = points_on_bodies(BENDS[2]).copy()
+    ends = [points[:, 0].argmin(), points[:, 0].argmax()]
+    points[ends] = points[ends[::-1]]
+    some = list(measured[:5])
+    some[2] = Correspondence.from_points(points, collection.meshes[2], NAMES)
+    building = clone(learner).set_params(n_functions=25, known_maps="in-space", refine=None)
+    with pytest.warns(CoverageWarning, match="exchanged"):
+        model = building.fit(probed[:5], some).landmarks_
+    right, distances = model.left_out.right, model.left_out.distances
+    assert (~right).sum() == 2
+    assert sorted(np.flatnonzero(~right.all(axis=0))) == sorted(ends)
+    assert distances[right].max() < distances[~right].min() / 2
+    assert model.expected_errors().max() < distances[right].max()
+
+
+def test_shapes_without_measured_points_are_learned_from_in_every_fold(learner, probed, measured):
+    def spied(training, folds, matcher):
+        seen.extend((folds, training.used))
+        return matchers_without(training, folds, matcher)
+
+    seen = []
+    some = [replace(truth, names=None) for truth in measured[:3]]
+    plain = [Correspondence(truth.pairs) for truth in measured[3:5]]  # vertices, not measured
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(landmark_model, "matchers_without", spied)
+        clone(learner).fit(probed[:5], [*some, *plain])
+    folds, used = seen
+    assert sorted(np.concatenate(folds)) == [0, 1]
+    assert used.tolist() == [0, 1, 2, 3]
+
+
+@pytest.mark.parametrize("confidence", [None, "cross-fit"])
+def test_matches_that_are_not_refined_put_landmarks_too(
+    learner, probed, measured, points_on_bodies, confidence
+):
+    fitted = clone(learner).set_params(refine=None, confidence=confidence)
+    (marks,) = fitted.fit(probed[:4], measured[:4]).predict_landmarks(probed[5:])
+    assert off(marks, points_on_bodies(BENDS[5])).mean() < 0.1 * np.sqrt(probed[5].spectral.area)
+
+
+def test_mirrored_shapes_are_told(measuring, probe, collection, points_on_bodies):
+    mesh, flip = collection.meshes[5], np.array([1, -1, 1])
+    mirrored = probe([Mesh(mesh.vertices * flip, mesh.faces[:, ::-1], name="mirrored")])
+    with pytest.warns(OrientationWarning, match="mirrored"):
+        measuring.predict_landmarks(mirrored)
+    reflecting = copy(measuring).set_params(on_mirrored="reflect")
+    with pytest.warns(OrientationWarning, match="reflected"):
+        (marks,) = reflecting.predict_landmarks(mirrored)
+    size = np.sqrt(probe([mesh])[0].spectral.area)
+    assert off(marks, points_on_bodies(BENDS[5]) * flip).mean() < 0.05 * size
 
 
 def test_measured_points_are_registered_by_default(probed, collection, measured):
@@ -147,8 +221,8 @@ def test_models_and_landmarks_persist(measuring, probed, tmp_path):
     save_model(measuring, tmp_path / "model.skops")
     copies = [pickle.loads(pickle.dumps(measuring)), load_model(tmp_path / "model.skops")]
     expected = measuring.predict_landmarks(probed[5:])[0]
-    for copy in copies:
-        (marks,) = pickle.loads(pickle.dumps(copy.predict_landmarks(probed[5:])))
+    for one in copies:
+        (marks,) = pickle.loads(pickle.dumps(one.predict_landmarks(probed[5:])))
         assert np.array_equal(marks.points, expected.points)
         assert np.array_equal(marks.expected_error, expected.expected_error)
 
@@ -182,6 +256,18 @@ def test_bad_input_is_told(measuring, probed, collection, learner, measured):
         get_scorer("neg_landmark_error")(measuring, probed[5:], collection.truths[5:])
     with pytest.raises(ValueError, match="reference_y"):
         get_scorer("neg_landmark_error", reference_y=measured[0])
+    unnamed = replace(measured[5], names=None)
+    with pytest.raises(CorrespondenceError, match=r"No landmark of y was learned: 1, 2, .*mark 0"):
+        get_scorer("neg_landmark_error")(measuring, probed[5:], [unnamed])
+    with pytest.raises(TypeError, match=r"y\[1\].*from_points\(landmarks, mesh\)"):
+        clone(learner).fit(probed[:2], [measured[0], measured[1].landmarks])
+    plain = clone(learner).set_params(confidence=None, refine=None)
+    bridged = BridgedLearner(plain, through="body1")
+    bridged.fit(probed[:3], measured[:3])
+    with pytest.raises(TypeError, match="BridgedLearner puts no landmarks"):
+        get_scorer("neg_landmark_error")(bridged, probed[5:], measured[5:])
+    with pytest.raises(CorrespondenceError, match="point 1 has 2 pairs with coordinates"):
+        Correspondence([[4, 1], [5, 1], [6, 2]], coordinates=np.zeros((3, 3)))
 
 
 def test_shapes_that_were_left_out_have_no_landmarks(measuring, probed):
@@ -225,15 +311,15 @@ def test_shrunk_means_lie_between_zero_and_the_mean(residuals):
     np.testing.assert_allclose(shrunk, share[:, None] * mean, atol=1e-9)
 
 
-def test_shrinking_takes_off_the_noise_of_a_mean():
-    true = np.array([[3.0, 0, 0], [0, 0, 0]])
-    drawn = true + np.random.default_rng(0).normal(size=(4000, 2, 3))
-    mean = shrunk_mean(drawn)
-    assert mean[0, 0] == pytest.approx(3, abs=0.1)
-    # Of landmarks without an offset more is taken off than is left, in the mean.
-    drawn = np.random.default_rng(1).normal(size=(9, 500, 3))
-    left = np.square(shrunk_mean(drawn)).sum() / np.square(drawn.mean(axis=0)).sum()
-    assert left < 0.4
+@pytest.mark.parametrize(("n_shapes", "ratio"), [(2, 0.4), (1000, 1.0)])
+def test_shrinking_helps_where_shapes_are_few_and_is_gone_where_they_are_many(n_shapes, ratio):
+    rng = np.random.default_rng(0)
+    true = 0.5 * rng.normal(size=(400, 3))  # half as large as what single shapes add
+    drawn = true + rng.normal(size=(n_shapes, 400, 3))
+    shrunk, plain = (
+        np.square(one - true).mean() for one in (shrunk_mean(drawn), drawn.mean(axis=0))
+    )
+    assert shrunk / plain == pytest.approx(ratio, abs=0.05)
 
 
 def test_missing_landmarks_do_not_count():
@@ -270,6 +356,11 @@ def test_what_the_fit_left_out_is_about_what_fits_without_it_find(
     order = np.argsort(left.indices)
     np.testing.assert_allclose(fitted.errors, left.distances[order] * np.array(sizes)[:, None])
     assert 0.7 < fitted.errors.mean() / anew.errors.mean() < 1.4
+    # Another observer's landmarks change what is compared with, not what was predicted.
+    moved = [skfmap.Landmarks(one.points + 0.1, one.names) for one in marks]
+    again = evaluate_landmarks(measuring, probed[:5], measured[:5], moved)
+    for one, other in zip(fitted.predicted, again.predicted, strict=True):
+        np.testing.assert_allclose(one.points, other.points)
     # Errors to expect of a specimen are those of the others.
     own = shrunk_scales(left.distances[order][1:])
     np.testing.assert_allclose(fitted.expected[0], sizes[0] * own)

@@ -137,7 +137,7 @@ def test_folds_are_taken_out_and_those_that_are_left_counted(taught, laid, creat
 
 def test_the_answer_says_what_it_is(laid, creatures):
     assert (laid.name, laid.reference_name) == ("cat5", "cat0")
-    assert repr(laid).startswith("Registered('cat0' on 'cat5', fits=True, n_flipped=0, off=0.000")
+    assert repr(laid).startswith("Registered('cat0' on 'cat5', fits=True, n_flipped=0, off=0.00")
     assert isinstance(laid.mesh, Mesh)
     assert laid.mesh.name == "cat5"
     np.testing.assert_array_equal(laid.mesh.vertices, laid.vertices)

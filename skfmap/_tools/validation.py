@@ -207,6 +207,7 @@ def check_samples(X: object, what: str, name: str = "X") -> Sequence[Any]:
             f"{name} must be a sequence of {what}; got a sparse matrix. skfmap works on shapes, "
             "not on tables."
         )
+    X = _only_column(X, what, name)
     if isinstance(X, np.ndarray) and X.dtype.kind in "biufc":
         raise TypeError(
             f"{name} must be a sequence of {what}; got a numeric array of shape {X.shape}. "
@@ -231,6 +232,30 @@ def check_samples(X: object, what: str, name: str = "X") -> Sequence[Any]:
     if not samples:
         raise ValueError(f"{name} is empty; give at least one of: {what}.")
     return samples
+
+
+def _only_column(X: Any, what: str, name: str) -> Any:
+    """Return the one column of a data frame, or of a table of texts; others as they are.
+
+    Iterating over a data frame gives the names of its columns, and over a table its rows.
+    """
+    if hasattr(X, "columns") and len(getattr(X, "shape", ())) == 2:
+        columns = list(X.columns)
+        if len(columns) == 1:
+            return list(X[columns[0]])
+        raise TypeError(
+            f"{name} must be a sequence of {what}; got a data frame with {len(columns)} columns "
+            f"({', '.join(map(repr, columns[:5]))}{', ...' if len(columns) > 5 else ''}). Give the "
+            f"one that holds them, as {name}[{(columns or ['path'])[0]!r}]."
+        )
+    if isinstance(X, np.ndarray) and X.ndim == 2 and X.size and isinstance(X.flat[0], (str, Path)):
+        if X.shape[1] == 1:
+            return X[:, 0]
+        raise TypeError(
+            f"{name} must be a sequence of {what}; got a table of {X.shape[1]} columns. Give the "
+            f"one that holds them, as {name}[:, 0]."
+        )
+    return X
 
 
 def check_sample_weight(sample_weight: object, n_shapes: int) -> FloatArray:

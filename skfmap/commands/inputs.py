@@ -9,7 +9,9 @@ from typing import Any
 import joblib
 
 from skfmap._tools.unwrap import last_step
-from skfmap.io import MESH_SUFFIXES
+from skfmap._tools.warn import warn
+from skfmap.exceptions import SkippedShapeWarning
+from skfmap.io import READ_SUFFIXES, unread_formats
 from skfmap.persistence import load_model, save_model
 
 __all__ = [
@@ -101,22 +103,24 @@ def _unpickled(path: Path) -> Any:
 def _file(path: Path) -> Path:
     if not path.exists():
         raise FileNotFoundError(f"There is no mesh {path}.")
-    if path.suffix.lower() not in MESH_SUFFIXES:
+    if path.suffix.lower() not in READ_SUFFIXES:
         raise ValueError(
-            f"{path} is no mesh that can be read; those end in {', '.join(MESH_SUFFIXES)}."
+            f"{path} is no mesh that can be read; those end in {', '.join(READ_SUFFIXES)}."
         )
     return path
 
 
 def _in_folder(folder: Path) -> list[Path]:
     """Return the meshes of a folder in natural order, without what systems leave beside them."""
-    found = [
-        path
-        for path in folder.iterdir()
-        if path.suffix.lower() in MESH_SUFFIXES and path.name[0] != "."
-    ]
+    files = list(folder.iterdir())
+    found = [path for path in files if path.suffix.lower() in READ_SUFFIXES and path.name[0] != "."]
+    other = unread_formats(folder, files, found)
     if not found:
-        raise FileNotFoundError(f"{folder} holds no mesh with suffix {', '.join(MESH_SUFFIXES)}.")
+        raise FileNotFoundError(
+            f"{folder} holds no mesh with suffix {', '.join(READ_SUFFIXES)}. {other}".rstrip()
+        )
+    if other:
+        warn(other, SkippedShapeWarning)
     return sorted(found, key=_natural)
 
 

@@ -38,6 +38,8 @@ DESCRIPTION = (
     "model, and say how far it is off on shapes left out: landmarks in the units of the meshes, "
     "other matches in percent. A page beside the model shows the worst."
 )
+# In how many groups shapes without landmarks are left out.
+_FOLDS = 10
 _REFINEMENTS = ("auto", "register", "bijective-zoomout", "zoomout", "icp", "none")
 
 
@@ -94,8 +96,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--folds",
         type=int,
-        default=10,
-        help="in how many groups shapes are left out (default: 10; fewer shapes one at a time)",
+        help="leave shapes out in so many groups, and train anew for each (default: landmarks are "
+        "predicted from what training itself left out; else 10 groups, fewer shapes one at a time)",
     )
     parser.add_argument(
         "--no-evaluation", action="store_true", help="do not leave shapes out: only train"
@@ -109,7 +111,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Train, evaluate, and return the exit status."""
-    check_number(options.folds, "--folds", low=2, integer=True)
+    if options.folds is not None:
+        check_number(options.folds, "--folds", low=2, integer=True)
     page, errors = options.output.with_suffix(".html"), _errors_path(options.output)
     check_model_path(options.output)
     evaluated = () if options.no_evaluation else (page, errors)
@@ -159,7 +162,7 @@ def _steps(collection: Bunch, options: argparse.Namespace) -> tuple[Any, Any, An
         n_functions=n_functions,
         on_invalid=skips,
         on_mirrored=options.mirrored,
-        verbose=0 if options.quiet else 1,
+        verbose=_verbosity(options),
         **shared,
     )
     return basis, probes, learner.set_params(**_refinement(collection, options))
@@ -214,20 +217,26 @@ def _evaluated(
     n_used = sum(not isinstance(shape, SkippedShape) for shape in shapes)
     if n_used < 3:
         return [f"Nothing was left out: that takes three shapes, and {n_used} can be used."]
-    how = {"cv": options.folds, "verbose": 0 if options.quiet else 1}
     with warnings.catch_warnings():
         for told in (CoverageWarning, DisagreementWarning, OrientationWarning, SkippedShapeWarning):
             warnings.simplefilter("ignore", told)  # once, when all shapes were learned from
         of = _landmarks if _has_landmarks(collection) else _matches
-        return of(learner, shapes, collection, options, how)
+        return of(learner, shapes, collection, options)
 
 
 def _matches(
-    learner: Any, shapes: list[Any], collection: Bunch, options: argparse.Namespace, how: Any
+    learner: Any, shapes: list[Any], collection: Bunch, options: argparse.Namespace
 ) -> list[str]:
     from skfmap.report import evaluate, write_report  # noqa: PLC0415
 
-    found = evaluate(learner, shapes, collection.correspondences, naive=False, **how)
+    found = evaluate(
+        learner,
+        shapes,
+        collection.correspondences,
+        cv=options.folds or _FOLDS,
+        naive=False,
+        verbose=_verbosity(options),
+    )
     page = write_report(learner, options.output.with_suffix(".html"), evaluation=found)
     rows = [
         (match.name, 100 * errors.mean(), 100 * (mean_error(match) or np.nan))
@@ -245,12 +254,17 @@ def _matches(
 
 
 def _landmarks(
-    learner: Any, shapes: list[Any], collection: Bunch, options: argparse.Namespace, how: Any
+    learner: Any, shapes: list[Any], collection: Bunch, options: argparse.Namespace
 ) -> list[str]:
     from skfmap.report import evaluate_landmarks, landmark_table, write_landmarks_page  # noqa: PLC0415
 
     found = evaluate_landmarks(
-        learner, shapes, collection.correspondences, collection.landmarks, **how
+        learner,
+        shapes,
+        collection.correspondences,
+        collection.landmarks,
+        cv=options.folds,
+        verbose=_verbosity(options),
     )
     page = write_landmarks_page(found, options.output.with_suffix(".html"))
     rows = [
@@ -273,6 +287,10 @@ def _landmarks(
 def _errors_path(model: Path) -> Path:
     """Return where the errors of shapes left out go, beside the model."""
     return model.with_name(f"{model.stem}-errors.csv")
+
+
+def _verbosity(options: argparse.Namespace) -> int:
+    return 0 if options.quiet else 1
 
 
 def _tell(options: argparse.Namespace, message: str) -> None:

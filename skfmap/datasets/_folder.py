@@ -8,18 +8,28 @@ from typing import NamedTuple
 import numpy as np
 from sklearn.utils import Bunch
 
-from skfmap._tools.types import FloatArray, IntArray
+from skfmap._tools.types import Array, BoolArray, FloatArray, IntArray
 from skfmap._tools.validation import check_choice, check_index_range
+from skfmap._tools.warn import warn
 from skfmap.datasets._landmark_files import landmark_files, landmarks_on, only_one
-from skfmap.exceptions import CorrespondenceError, MeshError
+from skfmap.datasets._vertex_files import read_column
+from skfmap.exceptions import (
+    CorrespondenceError,
+    CoverageWarning,
+    MeshError,
+    SkippedShapeWarning,
+)
+from skfmap.geometry.faults import share_of_common_edges
 from skfmap.io import (
-    MESH_SUFFIXES,
+    READ_SUFFIXES,
     as_far_as_sound,
     n_vertices_of,
     read_arrays,
+    unread_formats,
 )
 from skfmap.io.tables import is_table_of_points
 from skfmap.shapes import Correspondence, Landmarks, Mesh, SkippedShape
+from skfmap.shapes.crowded import crowded_points
 from skfmap.shapes.usable import warn_of_repairs, warn_of_skipped
 
 __all__ = ["load_collection"]
@@ -31,10 +41,12 @@ def load_collection(
     reference: str | None = None,
     *,
     on_invalid: str = "mend",
+    by_number: bool = False,
 ) -> Bunch:
     """Load the meshes of a folder with their correspondences, the reference first.
 
-    For each mesh ``NAME.off`` (or .obj, .ply, .stl) the first of these that exists is read:
+    For each mesh ``NAME.off`` (or another format that `skfmap.io.read_mesh` reads) the first of
+    these that exists is read:
 
     - ``NAME.vts``, and ``NAME.sym.vts`` if there is one: the vertex of each template point, one per
       line, counted from 1, and the vertex of its symmetric counterpart (the format of the TOSCA
@@ -52,8 +64,11 @@ def load_collection(
       (`Correspondence.from_points`), and those of the same name correspond. One that is missing on
       a mesh is missing there only.
 
-    If no mesh has any of them and all meshes have the same faces, vertices correspond by their
-    number.
+    In the first three the line says which point is meant: an empty line, ``NA``, ``nan`` or ``#
+    missing`` is a point that is unknown, as -1 is in the second and the third.
+
+    If no mesh has any of them and all meshes have as many vertices and most edges in common,
+    whatever the order of their faces, vertices correspond by their number.
 
     Parameters
     ----------
@@ -72,6 +87,9 @@ def load_collection(
         other faces where vertices correspond by number), it puts a `skfmap.shapes.SkippedShape` in
         the mesh's place, with a warning; ``SpectralBasis(on_invalid="skip")`` passes it on, and the
         learner leaves it out. The reference always raises.
+    by_number : bool, default=False
+        Whether vertices correspond by their number, whatever files lie beside the meshes and
+        whatever their faces; they have to be equally many.
 
     Returns
     -------
@@ -97,7 +115,10 @@ def load_collection(
     -----
     RepairWarning, SkippedShapeWarning
         If meshes were mended, or left out, as ``on_invalid`` says; if landmarks lie on their mesh
-        only with x and y negated (3D Slicer's systems LPS and RAS), and were turned.
+        only with x and y negated (3D Slicer's systems LPS and RAS), and were turned; if meshes are
+        of a format that is not read.
+    CoverageWarning
+        If one template point stands for a large share of a mesh: 0 for "none"?
 
     Examples
     --------
@@ -123,11 +144,16 @@ def load_collection(
     paths = _mesh_paths(folder, pattern, reference)
     names = [path.stem for path in paths]
     modes = [_REFERENCE[on_invalid], *[on_invalid] * (len(paths) - 1)]
-    marked = landmark_files(paths)
-    read = [_read(path, files, one) for path, files, one in zip(paths, marked, modes, strict=True)]
+    marked = [[] for _ in paths] if by_number else landmark_files(paths)
+    read = [
+        _read(path, files, one, by_number)
+        for path, files, one in zip(paths, marked, modes, strict=True)
+    ]
     meshes = [one.mesh for one in read]
     beside = any(one.truth is not None for one in read)
-    faults = _missing_or_odd(paths, read) if beside else _other_faces(read, folder)
+    faults = (
+        _missing_or_odd(paths, read) if beside else _not_by_number(read, folder, asked=by_number)
+    )
     for i, fault in faults.items():
         if on_invalid != "skip" or i == 0:
             raise CorrespondenceError(fault)
@@ -136,6 +162,7 @@ def load_collection(
     warn_of_skipped(meshes)
     sound = [i for i, mesh in enumerate(meshes) if not isinstance(mesh, SkippedShape)]
     if beside:
+        _warn_of_crowds(read, sound)
         correspondences = _numbered_alike(read, sound)
         counts = [len(correspondences[i].pairs) for i in sound]
         n_symmetric = sum(truth.has_symmetric for truth in correspondences)
@@ -144,8 +171,10 @@ def load_collection(
             f"symmetric answers for {n_symmetric} of {len(sound)}"
         )
     else:
-        by_number = (Correspondence.from_vertices(np.arange(mesh.n_vertices)) for mesh in meshes)
-        correspondences = [truth if i in sound else _NONE for i, truth in enumerate(by_number)]
+        correspondences = [
+            Correspondence.from_vertices(np.arange(mesh.n_vertices)) if i in sound else _NONE
+            for i, mesh in enumerate(meshes)
+        ]
         how = "vertices correspond by number"
     out = f" ({len(meshes) - len(sound)} left out)" if len(sound) < len(meshes) else ""
     return Bunch(
@@ -188,15 +217,15 @@ class _Read(NamedTuple):
     note: str = ""
 
 
-def _read(path: Path, marked: list[Path], on_invalid: str) -> _Read:
+def _read(path: Path, marked: list[Path], on_invalid: str, by_number: bool) -> _Read:
     """Return a mesh and where it lies on the template; a skipped shape if it cannot be read.
 
-    ``marked`` are files of landmarks beside it.
+    ``marked`` are files of landmarks beside it; where vertices correspond by number no file counts.
     """
     try:
         arrays = read_arrays(path)
         mesh, done = (_as_it_is if on_invalid == "raise" else as_far_as_sound)(*arrays, path.stem)
-        truth, file = _read_correspondence(path, mesh)
+        truth, file = (None, None) if by_number else _read_correspondence(path, mesh)
         read = _Read(mesh, truth, arrays[1], done, source=_source(file, path.stem))
         if truth is not None or not marked:
             return read
@@ -254,18 +283,22 @@ def _mesh_paths(folder: Path, pattern: str, reference: str | None) -> list[Path]
             "pattern must be the name of meshes in the folder, '*' for any letters; got "
             f"{pattern!r}."
         )
-    for suffix in MESH_SUFFIXES:
+    for suffix in READ_SUFFIXES:
         pattern = pattern.removesuffix(suffix)
     # Files that begin with a dot are what systems leave beside others; a link that leads nowhere is
     # an error later.
-    seen = (p for p in folder.glob(pattern + ".*") if p.is_symlink() or p.is_file())
+    seen = [p for p in folder.glob(pattern + ".*") if p.is_symlink() or p.is_file()]
     paths = sorted(
-        (p for p in seen if p.suffix.lower() in MESH_SUFFIXES and p.name[0] != "."), key=_natural
+        (p for p in seen if p.suffix.lower() in READ_SUFFIXES and p.name[0] != "."), key=_natural
     )
+    other = unread_formats(folder, seen, paths)
     if not paths:
         raise FileNotFoundError(
-            f"{folder} has no mesh {pattern!r} with suffix {', '.join(MESH_SUFFIXES)}."
+            f"{folder} has no mesh {pattern!r} with suffix {', '.join(READ_SUFFIXES)}."
+            + (f" {other}" if other else "")
         )
+    if other:
+        warn(other, SkippedShapeWarning)
     stems = [path.stem for path in paths]
     twice = sorted({stem for stem in stems if stems.count(stem) > 1})
     if twice:
@@ -312,7 +345,8 @@ def _find_correspondence(path: Path, mesh: Mesh) -> tuple[Correspondence | None,
                 if kind == "pairs" and suffix == ".txt" and is_table_of_points(file):
                     continue
                 try:
-                    return _of_kind(kind, _read_integers(file), file, mesh), file
+                    values = _read_integers(file) if kind == "pairs" else _read_column(file)[0]
+                    return _of_kind(kind, values, file, mesh), file
                 except CorrespondenceError as error:
                     raise CorrespondenceError(
                         str(error) if str(file) in str(error) else f"{file}: {error}"
@@ -353,7 +387,7 @@ def _missing_or_odd(paths: list[Path], read: list[_Read]) -> dict[int, str]:
         if odd:
             faults[i] = (
                 f".vts files must all have one line per template point, {usual} here; these "
-                f"differ: {odd}. For points that a shape lacks, use NAME.template.txt with -1."
+                f"differ: {odd}. Write NA, or leave the line empty, where a shape lacks a point."
             )
     return faults
 
@@ -374,26 +408,41 @@ def _no_common_name(one: _Read, first: _Read) -> str:
 def _vts_lengths(path: Path) -> dict[str, int]:
     """Return the number of lines of the .vts and .sym.vts files of a mesh."""
     files = (path.with_suffix(suffix) for suffix in (".vts", ".sym.vts"))
-    return {file.name: len(_read_integers(file)) for file in files if file.is_file()}
+    return {file.name: len(read_column(file)) for file in files if file.is_file()}
 
 
 def _read_vts(path: Path, mesh: Mesh) -> IntArray:
-    indices = _read_integers(path)
-    if indices.ndim == 1 and indices.min() == 0:
+    """Return the vertex of each template point, -1 where it is unknown."""
+    indices, known = _read_column(path)
+    if indices[known].min() == 0:
         raise CorrespondenceError(
             f"{path} holds 0, but .vts files hold vertices counted from 1 up to "
             f"{mesh.n_vertices}. If it counts from 0, name it "
             f"{path.name.split('.')[0]}.template.txt, or add 1 to every line."
         )
-    if indices.ndim != 1 or indices.min() < 1 or indices.max() > mesh.n_vertices:
+    low, high = int(indices[known].min()), int(indices[known].max())
+    if low < 1 or high > mesh.n_vertices:
         raise CorrespondenceError(
             f"{path} must hold one vertex per line, counted from 1 up to {mesh.n_vertices}; got "
-            f"shape {indices.shape}, values {indices.min()} to {indices.max()}."
+            f"{low} to {high}. Where a shape lacks a point, write NA, or leave the line empty."
         )
-    return indices - 1
+    return np.where(known, indices - 1, -1)
+
+
+def _read_column(path: Path) -> tuple[IntArray, BoolArray]:
+    """Return one whole number per line, and which are known; -1 stands where none is."""
+    values: Array = read_column(path) if path.suffix != ".npy" else _read_numbers(path)
+    known = np.isfinite(values) if values.dtype.kind == "f" else np.ones(values.shape, dtype=bool)
+    if not known.any():
+        raise CorrespondenceError(f"{path} holds no number: every point of it is missing.")
+    return _as_integers(np.where(known, values, -1), path), known
 
 
 def _read_integers(path: Path) -> IntArray:
+    return _as_integers(_read_numbers(path), path)
+
+
+def _read_numbers(path: Path) -> Array:
     content = path.read_bytes()
     if not content.strip():
         raise CorrespondenceError(f"{path} is empty.")
@@ -412,6 +461,10 @@ def _read_integers(path: Path) -> IntArray:
         )
     if values.size == 0:
         raise CorrespondenceError(f"{path} is empty.")
+    return values
+
+
+def _as_integers(values: Array, path: Path) -> IntArray:
     if (
         values.dtype.kind not in "iuf"
         or not (np.isfinite(values) & (values == np.round(values))).all()
@@ -446,17 +499,52 @@ def _of_kind(kind: str, values: IntArray, path: Path, mesh: Mesh) -> Corresponde
     return Correspondence.from_vertices(values)
 
 
-def _other_faces(read: list[_Read], folder: Path) -> dict[int, str]:
-    """Return, by index, which meshes have other faces than the first.
+# Share of edges in common from which meshes are numbered alike. Meshes that are not have next to
+# none; quads that were split along their other diagonals leave two thirds.
+_ALIKE = 0.5
 
-    Their vertices do not correspond by number.
+
+def _not_by_number(read: list[_Read], folder: Path, *, asked: bool) -> dict[int, str]:
+    """Return, by index, which meshes have vertices that do not correspond to the first's by number.
+
+    What counts is that the same vertices are joined: faces may begin with another corner, come in
+    another order, or lack here and there. Where it was asked for only the number of vertices does.
     """
     first = read[0]
-    return {
-        i: f"{folder} has no correspondence files, and {one.mesh.name!r} has other faces than "
-        f"{first.mesh.name!r}, so that vertices do not correspond by number. Put a file beside "
-        "each mesh: NAME.vts, NAME.vertices.txt, NAME.template.txt, NAME.txt or landmarks; "
-        "help(skfmap.datasets.load_collection) explains them."
-        for i, one in enumerate(read)
-        if isinstance(one.mesh, Mesh) and not np.array_equal(one.faces, first.faces)
-    }
+    n_first = first.mesh.n_vertices
+    faults = {}
+    for i, one in enumerate(read):
+        if not isinstance(one.mesh, Mesh) or np.array_equal(one.faces, first.faces):
+            continue
+        n_own = one.mesh.n_vertices
+        if asked and n_own != n_first:
+            faults[i] = (
+                f"by_number=True: {one.mesh.name!r} has {n_own} vertices, but {first.mesh.name!r} "
+                f"has {n_first}. Leave it out, or give the folder files of correspondences."
+            )
+        elif not asked and (
+            n_own != n_first or share_of_common_edges(one.faces, first.faces) < _ALIKE
+        ):
+            faults[i] = (
+                f"{folder} has no correspondence files, and {one.mesh.name!r} has other faces than "
+                f"{first.mesh.name!r}, so that vertices do not correspond by number. Put a file "
+                "beside each mesh: NAME.vts, NAME.vertices.txt, NAME.template.txt, NAME.txt or "
+                "landmarks; help(skfmap.datasets.load_collection) explains them. If vertices do "
+                "correspond, give by_number=True."
+            )
+    return faults
+
+
+def _warn_of_crowds(read: list[_Read], sound: list[int]) -> None:
+    """Name the meshes where one template point stands for far too many vertices, or the reverse."""
+    told = [
+        f"{read[i].mesh.name!r} ({said})"
+        for i in sound
+        if (truth := read[i].truth) is not None and (said := crowded_points(*truth.pairs.T))
+    ]
+    if told:
+        warn(
+            f'In the correspondences of {"; ".join(told)}. Does that number stand for "none"? '
+            "Write -1 then (in .vts files NA): wrong pairs spoil what is learned.",
+            CoverageWarning,
+        )

@@ -6,12 +6,17 @@ from skfmap._tools.types import FloatArray
 
 __all__ = ["least_calibrating", "pooled_quantile", "shrunk_mean", "shrunk_scales"]
 
+# Specimens, beside those there are, to which nothing is lacking. With two references among twenty
+# mandibles errors are 0.181 and 0.191 mm from nine left out, with 2 of these or none, and 0.192 and
+# 0.203 from three, rather than 0.200 and 0.215. What James and Stein (1961) take off each landmark
+# is too much: 0.187 and 0.195 from nine.
+_NOTHING_LACKS = 2
 # How many specimens the mean over all landmarks counts for, beside those that have a landmark.
 _PRIOR = 4.0
 
 
 def shrunk_mean(residuals: FloatArray) -> FloatArray:
-    """Return the mean of vectors, less the share of its square that is noise (James, Stein 1961).
+    """Return the mean of vectors, with some more specimens of which all are zero.
 
     Parameters
     ----------
@@ -21,26 +26,18 @@ def shrunk_mean(residuals: FloatArray) -> FloatArray:
     Returns
     -------
     ndarray of shape (n_landmarks, d)
-        Zero where fewer than two specimens tell, or the noise is all there is.
+        Zero where no specimen tells.
 
     Examples
     --------
     >>> import numpy as np
     >>> from skfmap.functional.left_out import shrunk_mean
-    >>> shrunk_mean(np.array([[[1.0, 0]], [[1, 0]]])).tolist()
-    [[1.0, 0.0]]
-    >>> shrunk_mean(np.array([[[3.0, 0]], [[-1, 0]]])).tolist()
-    [[0.0, 0.0]]
+    >>> shrunk_mean(np.array([[[1.0, 0]]] * 8)).tolist()
+    [[0.8, 0.0]]
     """
     known = np.asarray(np.isfinite(residuals).all(axis=2))
-    n = known.sum(axis=0)
-    given = np.where(known[:, :, None], residuals, 0.0)
-    mean = given.sum(axis=0) / np.maximum(n, 1)[:, None]
-    off = np.where(known[:, :, None], residuals - mean, 0.0)
-    noise = np.square(off).sum(axis=(0, 2)) / np.maximum(n - 1, 1) / np.maximum(n, 1)
-    squared = np.square(mean).sum(axis=1)
-    left = np.where(n >= 2, np.maximum(squared - noise, 0.0), 0.0) / np.maximum(squared, 1e-300)
-    return np.asarray(mean * left[:, None])
+    sums = np.where(known[:, :, None], residuals, 0.0).sum(axis=0)
+    return np.asarray(sums / (known.sum(axis=0) + _NOTHING_LACKS)[:, None])
 
 
 def shrunk_scales(distances: FloatArray) -> FloatArray:

@@ -28,6 +28,7 @@ __all__ = [
     "nonmanifold_edges",
     "nonmanifold_vertices",
     "repeated_corners",
+    "share_of_common_edges",
     "slivers",
     "sound_faces",
     "unreferenced_vertices",
@@ -48,6 +49,32 @@ def unreferenced_vertices(faces: IntArray, n_vertices: int) -> IntArray:
     unused = np.ones(n_vertices, dtype=bool)
     unused[faces.ravel()] = False
     return np.flatnonzero(unused)
+
+
+def share_of_common_edges(faces: IntArray, others: IntArray) -> float:
+    """Return which share of the edges two lists of faces have in common, of the shorter one's.
+
+    Examples
+    --------
+    A square, cut along either diagonal, and cut once more in another order.
+
+    >>> import numpy as np
+    >>> from skfmap.geometry.faults import share_of_common_edges
+    >>> one = np.array([[0, 1, 2], [0, 2, 3]])
+    >>> share_of_common_edges(one, np.array([[0, 1, 3], [1, 2, 3]]))
+    0.8
+    >>> share_of_common_edges(one, one[::-1, [1, 2, 0]])
+    1.0
+    """
+    base = int(max(faces.max(initial=0), others.max(initial=0))) + 1
+    one, other = (_edge_numbers(own, base) for own in (faces, others))
+    fewest = min(len(one), len(other))
+    return len(np.intersect1d(one, other, assume_unique=True)) / fewest if fewest else 0.0
+
+
+def _edge_numbers(faces: IntArray, base: int) -> IntArray:
+    ends = np.sort(np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]]), axis=1)
+    return np.unique(ends[:, 0].astype(np.int64) * base + ends[:, 1])
 
 
 def repeated_corners(faces: IntArray) -> IntArray:

@@ -1,8 +1,9 @@
 """Reading and writing meshes and landmarks."""
 
+from skfmap.io.formats import MESH_SUFFIXES, READ_SUFFIXES, unread_formats
 from skfmap.io.landmarks import read_landmarks, write_landmarks
+from skfmap.io.meshes import MeshLike as MeshLike
 from skfmap.io.meshes import (
-    MESH_SUFFIXES,
     as_arrays,
     as_far_as_sound,
     as_mesh,
@@ -15,10 +16,10 @@ from skfmap.io.meshes import (
     read_mesh,
     write_mesh,
 )
-from skfmap.io.meshes import MeshLike as MeshLike
 
 __all__ = [
     "MESH_SUFFIXES",
+    "READ_SUFFIXES",
     "as_arrays",
     "as_far_as_sound",
     "as_mesh",
@@ -30,6 +31,7 @@ __all__ = [
     "read_arrays",
     "read_landmarks",
     "read_mesh",
+    "unread_formats",
     "write_landmarks",
     "write_mesh",
 ]

@@ -3,10 +3,7 @@
 Trimesh is imported when a file is read or written, not before.
 """
 
-import io
-import logging
 import math
-import re
 import sys
 from collections.abc import Sequence
 from pathlib import Path
@@ -25,12 +22,18 @@ from skfmap._tools.validation import (
     is_finite,
     label,
 )
-from skfmap.exceptions import MeshError
+from skfmap._tools.warn import warn
+from skfmap.exceptions import MeshError, RepairWarning
 from skfmap.geometry.faults import sound_faces
+from skfmap.geometry.polygons import triangulate
+from skfmap.io.formats import MESH_SUFFIXES, READ_SUFFIXES, remedy_for
+from skfmap.io.obj import read_obj
+from skfmap.io.off import read_off
+from skfmap.io.ply import read_ply
+from skfmap.io.scenes import read_gltf, read_stl
 from skfmap.shapes import GivenMesh, Mesh, Registered, SkippedShape
 
 __all__ = [
-    "MESH_SUFFIXES",
     "as_arrays",
     "as_far_as_sound",
     "as_mesh",
@@ -44,27 +47,12 @@ __all__ = [
     "write_mesh",
 ]
 
-MESH_SUFFIXES = (".off", ".obj", ".ply", ".stl")
-
 # What single precision may lose of the extent of a mesh: about a hundredth of a mean edge of 5,000
 # vertices. Its seven digits do so where a mesh is 1,700 times its extent away from the origin.
 _MOST_LOST = 1e-4
 
-# Bytes in which the header of a PLY file is looked for; that of a mesh has some 300.
-_MOST_HEADER = 65536
-
-# Materials and texture would split an OBJ file into parts with vertices of their own.
-_READ_OPTIONS: dict[str, dict[str, bool]] = {
-    ".obj": {"maintain_order": True, "group_material": False, "skip_materials": True}
-}
-
-
-_MARK = b"\xef\xbb\xbf"  # the byte order mark that editors put in front of texts
-
-# OBJ files: lines that go on; what follows a vertex there, and those that name vertex 0.
-_CONTINUED = re.compile(rb"\\\r?\n")
-_AFTER_SLASH = re.compile(rb"/[^\s]*")
-_ZERO_INDEX = re.compile(rb"^[ \t]*f[ \t]+(?:[^\n]*[ \t])?0+(?=\s|$)[^\n]*", re.MULTILINE)
+_OWN_READERS = {".off": read_off, ".obj": read_obj, ".ply": read_ply}
+_OTHER_READERS = {".stl": read_stl, ".glb": read_gltf, ".gltf": read_gltf}
 
 
 class TrimeshLike(Protocol):
@@ -88,10 +76,12 @@ MeshLike: TypeAlias = Mesh | SkippedShape | TrimeshLike | Sequence[npt.ArrayLike
 
 
 def read_mesh(path: str | Path) -> Mesh:
-    """Read an OFF, OBJ, PLY or STL file; vertices keep their number and their order.
+    """Read an OFF, OBJ, PLY, STL, GLB or GLTF file; vertices keep their number and their order.
 
     STL files have no vertex numbers: there, corners at exactly one position become one vertex,
-    numbered by first appearance.
+    numbered by first appearance. Faces of more than three corners are cut into triangles that cover
+    the same area, convex ones or not; texture coordinates and normals split no vertices. Text may
+    be in UTF-16 with its byte order mark.
 
     Parameters
     ----------
@@ -109,6 +99,11 @@ def read_mesh(path: str | Path) -> Mesh:
         If there is no such file.
     MeshError
         If the file cannot be read as a triangle mesh, or the reader lost or added vertices.
+
+    Warns
+    -----
+    RepairWarning
+        If polygons cross themselves, so that nobody knows what they cover. They are left out.
     """
     return Mesh(*read_arrays(path), name=Path(path).stem)
 
@@ -119,42 +114,33 @@ def read_arrays(path: str | Path) -> tuple[FloatArray, IntArray]:
         raise TypeError(f"A mesh is read from a path; got {path!r}.")
     path = Path(path)
     suffix = path.suffix.lower()
-    if suffix not in MESH_SUFFIXES:
+    if suffix not in READ_SUFFIXES:
         raise MeshError(
-            f"{path} has the suffix {suffix!r}; skfmap reads {', '.join(MESH_SUFFIXES)}."
+            f"{path} has the suffix {suffix!r}; skfmap reads {', '.join(READ_SUFFIXES)}."
+            f"{remedy_for(suffix)}"
         )
     if not path.is_file():
         raise FileNotFoundError(f"There is no mesh file {path}.")
-    import trimesh  # noqa: PLC0415
-
-    # Without a handler trimesh's tracebacks are written to standard error.
-    logging.getLogger("trimesh").addHandler(logging.NullHandler())
-    content = path.read_bytes().removeprefix(_MARK)
-    if suffix == ".off":
-        content = _without_comments(content)
-    if suffix == ".obj":
-        content = _plain_obj(content)
+    content = path.read_bytes()
+    if not content.strip():
+        raise MeshError(f"{path} is empty. Export the mesh again, or remove the file.")
     try:
-        loaded = trimesh.load(
-            io.BytesIO(content),
-            file_type=suffix[1:],
-            process=False,
-            force="mesh",
-            **_READ_OPTIONS.get(suffix, {}),
+        if suffix in _OWN_READERS:
+            vertices, polygons = _OWN_READERS[suffix](content)
+            faces, crossing = triangulate(vertices, *polygons)
+        else:
+            vertices, faces = _OTHER_READERS[suffix](path, content)
+            crossing = faces[:0, 0]
+    except MeshError as error:
+        raise MeshError(f"{path} cannot be read: it {error}") from None
+    if len(crossing):
+        warn(
+            f"{path} has {len(crossing)} faces that cross themselves, the first is face "
+            f"{crossing[0]}. Nobody knows what they cover, and they are left out; cut them into "
+            "triangles before saving.",
+            RepairWarning,
         )
-        vertices, faces = np.asarray(loaded.vertices), np.asarray(loaded.faces)
-    except Exception as error:
-        said = str(error).rstrip(".")
-        raise MeshError(
-            f"{path} cannot be read as a triangle mesh; is it whole, and of the format that its "
-            f"name says? The reader says: {type(error).__name__}: {said}."
-        ) from error
-    if suffix == ".stl":
-        vertices, faces = _weld(vertices, faces)
-    stored = _stored_counts(content, suffix)
-    _check_counts(path, stored, len(vertices), len(faces))
-    _check_face_lines(path, content, suffix, stored)
-    return vertices, faces.reshape(-1, 3) if faces.size == 0 else faces
+    return np.asarray(vertices, dtype=np.float64), faces.astype(np.int64)
 
 
 def as_far_as_sound(vertices: FloatArray, faces: IntArray, name: str) -> tuple[Mesh, str]:
@@ -384,147 +370,3 @@ def _is_bare_pair(X: object) -> bool:
     except ValueError:
         return False
     return faces.ndim == 2 and faces.shape[1] == 3 and np.issubdtype(faces.dtype, np.integer)
-
-
-def _weld(vertices: FloatArray, faces: IntArray) -> tuple[FloatArray, IntArray]:
-    _, first, inverse = np.unique(vertices, axis=0, return_index=True, return_inverse=True)
-    rank = np.argsort(np.argsort(first))
-    return vertices[np.sort(first)], rank[inverse.ravel()][faces]
-
-
-def _without_comments(content: bytes) -> bytes:
-    """Return an OFF file without its comments, some of which the reader takes for data."""
-    lines = (line.split(b"#", maxsplit=1)[0].strip() for line in content.splitlines())
-    return b"\n".join(line for line in lines if line) + b"\n"
-
-
-def _plain_obj(content: bytes) -> bytes:
-    """Return only the vertices and faces of an OBJ file, in a form that is not misread.
-
-    The reader stumbles over comments behind numbers and over corners that differ in form (``f 1//1
-    2/2 3``), and takes relative numbers (-1 is the last vertex so far) for counted from the end of
-    the file.
-    """
-    lines, n_vertices = [], 0
-    for line in _CONTINUED.sub(b" ", content).splitlines():
-        words = line.split(b"#", maxsplit=1)[0].split()
-        if words[:1] == [b"v"]:
-            n_vertices += 1
-        elif words[:1] == [b"f"]:
-            words = [_AFTER_SLASH.sub(b"", word) for word in words]
-            words[1:] = [_absolute(word, n_vertices) for word in words[1:]]
-        else:
-            continue
-        lines.append(b" ".join(words))
-    return b"\n".join(lines) + b"\n"
-
-
-def _absolute(word: bytes, n_vertices: int) -> bytes:
-    """Return the number of a vertex counted from 1, also of one that was counted from the end."""
-    if not (word.startswith(b"-") and word[1:].isdigit()):
-        return word
-    back = int(word[1:])
-    return b"%d" % max(0, n_vertices + 1 - back if back else 0)  # 0 is refused later
-
-
-def _check_counts(
-    path: Path, stored: tuple[int, int] | None, n_vertices: int, n_faces: int
-) -> None:
-    if stored is None:
-        return
-    if stored[1] == n_faces == 0:
-        raise MeshError(
-            f"{path} holds {stored[0]} vertices and no faces: a cloud of points, or a file that "
-            "was cut short."
-        )
-    if stored[0] != n_vertices:
-        raise MeshError(
-            f"{path} stores {stored[0]} vertices, but {n_vertices} were read, so that "
-            "correspondences would point at the wrong ones. Export it again with positions and "
-            "triangles only, for instance as OFF."
-        )
-    if n_faces < stored[1]:
-        raise MeshError(
-            f"{path} says that it holds {stored[1]} faces, but {n_faces} were read; the file is "
-            "truncated."
-        )
-
-
-def _check_face_lines(
-    path: Path, content: bytes, suffix: str, stored: tuple[int, int] | None
-) -> None:
-    """Raise for lines of faces that are wrong and that the reader accepts without a word."""
-    if suffix == ".obj" and (zero := _ZERO_INDEX.search(content)):
-        raise MeshError(
-            f"{path} has a face with vertex 0 ({zero[0].strip()[:60]!r}); OBJ files count from 1."
-        )
-    if suffix == ".off" and _has_more_lines(content, stored):
-        raise MeshError(
-            f"{path} says that it holds {stored[1] if stored else 0} faces, but more lines follow."
-        )
-    for line in _lines_of_faces(content, suffix, stored):
-        numbers = line.split()
-        if not numbers or not numbers[0].isdigit():
-            continue
-        corners = numbers[1 : 1 + int(numbers[0])]
-        if len(corners) < int(numbers[0]):
-            raise MeshError(
-                f"{path} has a face that is cut short: {line[:60]!r} says {int(numbers[0])} "
-                "vertices."
-            )
-        if not all(corner.lstrip(b"+-").isdigit() for corner in corners):
-            raise MeshError(
-                f"{path} has a face whose vertices are no whole numbers: {line[:60]!r}."
-            )
-
-
-def _has_more_lines(content: bytes, stored: tuple[int, int] | None) -> bool:
-    """Return whether an OFF file of one line for each vertex and face has lines beyond them."""
-    if stored is None:
-        return False
-    lines = content.splitlines()
-    head = 1 if len(lines[0].split()) > 1 else 2
-    body = lines[head:]
-    one_each = all(len(line.split()) >= 3 for line in body[: sum(stored)])
-    return len(body) > sum(stored) and one_each
-
-
-def _lines_of_faces(content: bytes, suffix: str, stored: tuple[int, int] | None) -> list[bytes]:
-    """Return the lines of a text file that hold its faces; none where they cannot be told."""
-    if stored is None or suffix not in (".off", ".ply"):
-        return []
-    if suffix == ".off":
-        lines = content.splitlines()
-        return lines[-stored[1] :] if 1 <= len(lines) - sum(stored) <= 2 and stored[1] else []
-    head, _, body = content.partition(b"end_header")
-    elements = re.findall(rb"^element (\w+)", head, re.MULTILINE)
-    list_first = re.search(rb"^element face \d+\s+property list", head, re.MULTILINE)
-    if b"format ascii" not in head or elements != [b"vertex", b"face"] or not list_first:
-        return []
-    lines = [line for line in body.splitlines() if line.strip()]
-    return lines[stored[0] : sum(stored)]
-
-
-def _stored_counts(content: bytes, suffix: str) -> tuple[int, int] | None:
-    """Return how many vertices and faces a file says it holds, or None where it does not say."""
-    if suffix == ".stl":
-        return None
-    if suffix == ".obj":
-        return _count_lines(content, b"v"), _count_lines(content, b"f")
-    if suffix == ".ply":
-        head = content[:_MOST_HEADER]
-        vertices, faces = (
-            re.search(rb"^element %s (\d+)" % kind, head, re.MULTILINE)
-            for kind in (b"vertex", b"face")
-        )
-        return (int(vertices[1]), int(faces[1])) if vertices and faces else None
-    numbers = content.lstrip().removeprefix(b"OFF").split(maxsplit=2)[:2]
-    return (
-        (int(numbers[0]), int(numbers[1]))
-        if len(numbers) == 2 and b"".join(numbers).isdigit()
-        else None
-    )
-
-
-def _count_lines(content: bytes, keyword: bytes) -> int:
-    return len(re.findall(rb"^[ \t]*%s[ \t]" % keyword, content, re.MULTILINE))

@@ -265,9 +265,9 @@ def _weighted(observation: Observation, share: float) -> Observation:
 def matchers_without(
     training: TrainingSet, folds: list[IntArray], matcher: Matcher
 ) -> list[Matcher]:
-    """Return, for each fold of the training shapes, what is learned from the other folds."""
-    everything = np.concatenate(folds)
-    arguments = ((training.only(np.setdiff1d(everything, rows)), matcher) for rows in folds)
+    """Return, for each fold of training shapes, what is learned from all that are not in it."""
+    used = training.used
+    arguments = ((training.only(np.setdiff1d(used, rows)), matcher) for rows in folds)
     return map_shapes(_learned_from, arguments, n_jobs=training.n_jobs, verbose=0, prefer="threads")
 
 

@@ -197,7 +197,8 @@ class WeightedFunctionalMapLearner(CallbackSupportMixin, Versioned, BaseEstimato
         The fitted parts.
     known_maps_ : KnownMapsRecord
         How the known maps came about: kind, landmarks and pairs of each training shape, and how far
-        from its place each landmark is put by the map that is built without it.
+        from its place each landmark is put by the map that is built without it. None in models that
+        were saved before that was remembered.
     landmarks_ : LandmarkModel or None
         Where measured points of the training shapes are, for `predict_landmarks`; None if the
         reference has none.
@@ -242,7 +243,7 @@ class WeightedFunctionalMapLearner(CallbackSupportMixin, Versioned, BaseEstimato
     confidence_: Confidence | None
     landmarks_: LandmarkModel | None
     record_: FitRecord
-    known_maps_: KnownMapsRecord
+    known_maps_: KnownMapsRecord | None
     weights_: FloatArray = fitted_attribute("matcher_.weights")
     stable_basis_: FloatArray = fitted_attribute("matcher_.stable_basis")
     residual_covariance_: FloatArray = fitted_attribute("matcher_.residual_covariance")
@@ -589,6 +590,9 @@ class WeightedFunctionalMapLearner(CallbackSupportMixin, Versioned, BaseEstimato
 
         Warns
         -----
+        OrientationWarning
+            If a shape fits much better once mirrored; with ``on_mirrored="reflect"`` its image is
+            measured.
         UnfamiliarShapeWarning
             If a shape is not like the training shapes.
 
@@ -618,8 +622,9 @@ class WeightedFunctionalMapLearner(CallbackSupportMixin, Versioned, BaseEstimato
             verbose=self.verbose,
             prefer="threads",
         )
-        report(diagnose_new_shapes(usable, [False] * len(found), [fits for _, fits in found]))
-        return put_back([marks for marks, _ in found], usable, predictor.nowhere)
+        mirrored = [is_mirrored(one.solution) for one in found]
+        report(diagnose_new_shapes(usable, mirrored, [one.fits for one in found]))
+        return put_back([one.landmarks for one in found], usable, predictor.nowhere)
 
     def point_maps(
         self,

@@ -8,7 +8,7 @@ import numpy as np
 from skfmap._tools.validation import check_index_range, check_pairs, check_samples, label
 from skfmap._tools.warn import warn
 from skfmap.exceptions import CorrespondenceError, CoverageWarning
-from skfmap.shapes import Correspondence, ProbedShape, SkippedShape
+from skfmap.shapes import Correspondence, Landmarks, ProbedShape, SkippedShape
 from skfmap.shapes.usable import Usable, describe, pick_usable, warn_of_skipped
 
 __all__ = ["check_correspondences", "check_new_shapes", "check_scored", "check_shapes"]
@@ -171,6 +171,11 @@ def _checked(
 
 def _check_correspondence(item: object, i: int, shape: ProbedShape) -> Correspondence:
     who = f"y[{i}]" if shape.name is None else f"y[{i}] (of {shape.name!r})"
+    if isinstance(item, Landmarks):
+        raise TypeError(
+            f"{who} is Landmarks, which are put onto their mesh first: "
+            "Correspondence.from_points(landmarks, mesh)."
+        )
     truth = item if isinstance(item, Correspondence) else Correspondence(check_pairs(item, who))
     n_vertices = shape.spectral.n_given
     if truth.n_vertices not in (None, n_vertices):

@@ -1,14 +1,13 @@
 """Measured points of the training shapes, learned so that new shapes can be measured."""
 
 from dataclasses import dataclass, replace
-from itertools import chain
 from typing import NamedTuple, Self
 
 import numpy as np
 import scipy.sparse as sp
 
 from skfmap._tools.parallel import map_shapes
-from skfmap._tools.types import FloatArray, IntArray, SparseMatrix
+from skfmap._tools.types import BoolArray, FloatArray, IntArray, SparseMatrix
 from skfmap.functional.left_out import (
     least_calibrating,
     pooled_quantile,
@@ -22,7 +21,7 @@ from skfmap.learner.matcher import Matcher
 from skfmap.learner.training_set import TrainingSet
 from skfmap.refinement import match_points
 from skfmap.registration import Registration
-from skfmap.shapes import Landmarks, ProbedShape, SpectralShape
+from skfmap.shapes import Correspondence, ProbedShape, SpectralShape
 
 __all__ = ["LandmarkModel", "LeftOut", "learn_landmarks", "reference_on"]
 
@@ -41,18 +40,24 @@ class LeftOut(NamedTuple):
         Index in X of each shape, and the group that it was left out with.
     missed : ndarray of shape (n_shapes, n_landmarks, 3)
         From answers, moved by what the other groups lack, to the observer's points; as each shape
-        was given, in units of sqrt(area). NaN where there is no such point.
+        was given, in units of sqrt(area). NaN where there is no such point, or no other shape and
+        not the reference tells where it should be.
+    right : ndarray of bool, shape (n_shapes, n_landmarks)
+        False for points that were found to be wrong when known maps were built; they count nowhere.
     """
 
     indices: IntArray
     groups: IntArray
     missed: FloatArray
+    right: BoolArray
 
     @classmethod
     def nothing(cls, n_landmarks: int) -> Self:
         """Return that of no shape."""
         none = np.empty(0, dtype=np.int64)
-        return cls(none, none, np.empty((0, n_landmarks, 3)))
+        return cls(
+            none, none, np.empty((0, n_landmarks, 3)), np.empty((0, n_landmarks), dtype=bool)
+        )
 
     @property
     def distances(self) -> FloatArray:
@@ -75,8 +80,8 @@ class LandmarkModel:
         most training shapes have those that the reference lacks. Rows sum to 1.
     offsets : ndarray of shape (n_landmarks, 3)
         What the surface's answers lack in the mean on training shapes left out, as the reference
-        stands, less what is noise (James and Stein 1961). It holds also how far from the surface an
-        observer puts points.
+        stands, shrunk where these are few. It holds also how far from the surface an observer puts
+        points.
     left_out : LeftOut
         What answers missed on training shapes left out; without rows if none were.
     """
@@ -117,7 +122,7 @@ class LandmarkModel:
         ``but`` is a group that is not asked.
         """
         distances = self._distances(but)
-        return shrunk_scales(distances) if len(distances) else None
+        return shrunk_scales(distances) if np.isfinite(distances).any() else None
 
     def radii(self, coverage: float, but: int | None = None) -> FloatArray | None:
         """Return radii that hold a share of the observer's points, shape (n_landmarks,).
@@ -125,14 +130,15 @@ class LandmarkModel:
         None if too few shapes were left out to promise that. ``but`` is a group that is not asked.
         """
         distances = self._distances(but)
-        if len(distances) < least_calibrating(coverage):
+        if np.isfinite(distances).any(axis=1).sum() < least_calibrating(coverage):
             return None
         scales = shrunk_scales(distances)
         return pooled_quantile(distances, scales, coverage) * scales
 
     def _distances(self, but: int | None) -> FloatArray:
-        distances, groups = self.left_out.distances, self.left_out.groups
-        return distances if but is None else distances[groups != but]
+        left = self.left_out
+        distances = np.where(left.right, left.distances, np.nan)
+        return distances if but is None else distances[left.groups != but]
 
 
 def reference_on(matcher: Matcher, shape: ProbedShape) -> FloatArray:
@@ -164,46 +170,58 @@ def learn_landmarks(
     Returns
     -------
     LandmarkModel or None
-        None if the reference has no measured points.
+        Landmarks are in the order of the template. None if the reference has no measured points.
+
+    Notes
+    -----
+    Landmarks that were left out as wrong when known maps were built do not count. Where the
+    reference lacks a landmark, its place is told by others than the shapes that are left out.
     """
-    marks_0 = training.truth_0.landmarks
-    if marks_0 is None:
+    truth_0, spectral_0 = training.truth_0, training.reference.spectral
+    if truth_0.coordinates is None:
         return None
-    marks = {int(i): training.truths[i].landmarks for i in training.used}
-    own = {i: one for i, one in marks.items() if one is not None}
-    used = list(own)
-    names = tuple(dict.fromkeys(chain(marks_0.names, *(one.names for one in own.values()))))
-    measured = {i: _measured(one, training.shapes[i], names) for i, one in own.items()}
-    measured_0 = _measured(marks_0, training.reference, names)
+    used = [int(i) for i in training.used if training.truths[i].coordinates is not None]
+    called = _called([truth_0, *(training.truths[i] for i in used)])
+    numbers, names = np.array(list(called)), tuple(called.values())
+    measured = {i: _measured(training.truths[i], training.shapes[i], numbers) for i in used}
+    measured_0 = _measured(truth_0, training.reference, numbers)
     n_folds = min(_FOLDS, len(used)) if left_out else 0
     if n_folds < 2:
-        return _known_on_reference(names, measured_0, training.reference.spectral)
+        return _known_on_reference(names, measured_0, spectral_0)
     folds = [np.array(used[f::n_folds]) for f in range(n_folds)]
-    rows, spectral_0 = np.concatenate(folds), training.reference.spectral
-    images = _images(training, folds, matcher)
-    model = LandmarkModel(
-        names,
-        _voted(measured_0, [measured[i] for i in rows], images, spectral_0),
-        np.zeros((len(names), 3)),
-        LeftOut.nothing(len(names)),
-    )
-    turns = np.stack([_turns(model.places, spectral_0, at) for at in images])
-    missed = np.stack(
-        [
-            _missed(model, spectral_0, training.shapes[i].spectral, at, measured[i])
-            for i, at in zip(rows, images, strict=True)
-        ]
-    )
-    missed_0 = np.einsum("snd,snbd->snb", missed, turns)  # as the reference stands
+    rows, n = np.concatenate(folds), len(names)
     groups = np.repeat(np.arange(n_folds), [len(fold) for fold in folds])
+    right = np.stack([_right(training, i, numbers) for i in rows])
+    images = _images(training, folds, matcher)
+    back = _carried_back(measured_0, [measured[i] for i in rows], images, spectral_0)
+    back[~right] = np.nan
+    points_0 = _voted(measured_0, back)
+    missed, turns = np.full((len(rows), n, 3), np.nan), np.empty((len(rows), n, 3, 3))
+    for f in range(n_folds):
+        by_others = _voted(measured_0, back[groups != f])
+        told = np.asarray(np.isfinite(by_others).all(axis=1))  # others put it on the reference
+        places = _places(np.where(told[:, None], by_others, points_0), spectral_0)
+        for row in np.flatnonzero(groups == f):
+            i, image = rows[row], images[row]
+            off = _missed(places, training.shapes[i].spectral, image, measured[i])
+            missed[row] = np.where(told[:, None], off, np.nan)
+            turns[row] = _turns(places, spectral_0, image)
+    missed_0 = np.einsum("snd,snbd->snb", missed, turns)  # as the reference stands
+    missed_0[~right] = np.nan
     others = np.stack([shrunk_mean(missed_0[groups != f]) for f in range(n_folds)])[groups]
     left = missed - np.einsum("snb,snbd->snd", others, turns)
-    signs = [MIRROR if training.shapes[i].reflected else np.ones(3) for i in rows]
-    return replace(
-        model,
-        offsets=shrunk_mean(missed_0),
-        left_out=LeftOut(training.indices[rows], groups, left * np.array(signs)[:, None]),
-    )
+    signs = np.array([MIRROR if training.shapes[i].reflected else np.ones(3) for i in rows])
+    seen = LeftOut(training.indices[rows], groups, left * signs[:, None], right)
+    return LandmarkModel(names, _places(points_0, spectral_0), shrunk_mean(missed_0), seen)
+
+
+def _called(truths: list[Correspondence]) -> dict[int, str]:
+    """Return the names of template points that one shape has at least, in their order."""
+    called: dict[int, str] = {}
+    for truth in truths:
+        if truth.landmarks is not None:
+            called |= dict(zip(truth.pairs[:, 1].tolist(), truth.landmarks.names, strict=True))
+    return dict(sorted(called.items()))
 
 
 def _known_on_reference(
@@ -238,52 +256,62 @@ def _matchers(training: TrainingSet, folds: list[IntArray], matcher: Matcher) ->
     registration = matcher.refinement
     if not (isinstance(registration, Registration) and registration.pose_ == "similarity"):
         return matchers_without(training, folds, matcher)
-    everything = np.concatenate(folds)
     return [
         replace(
             matcher,
             refinement=registration.fit_fold(
-                training.only(np.setdiff1d(everything, rows)), matcher
+                training.only(np.setdiff1d(training.used, rows)), matcher
             ),
         )
         for rows in folds
     ]
 
 
-def _measured(marks: Landmarks, shape: ProbedShape, names: tuple[str, ...]) -> FloatArray:
+def _measured(truth: Correspondence, shape: ProbedShape, numbers: IntArray) -> FloatArray:
     """Return the measured points of a shape at unit area, (n_landmarks, 3); NaN for missing ones.
 
     Of a shape that was reflected those of its image.
     """
-    numbers = {name: number for number, name in enumerate(names)}
-    points = np.full((len(names), 3), np.nan)
-    at = marks.points / np.sqrt(shape.spectral.area)
-    points[[numbers[name] for name in marks.names]] = at * MIRROR if shape.reflected else at
+    points = np.full((len(numbers), 3), np.nan)
+    at = np.asarray(truth.coordinates) / np.sqrt(shape.spectral.area)
+    at = at * MIRROR if shape.reflected else at
+    points[np.searchsorted(numbers, truth.pairs[:, 1])] = at
     return points
 
 
-def _voted(
+def _right(training: TrainingSet, i: int, numbers: IntArray) -> BoolArray:
+    """Return which landmarks of a training shape were not found to be wrong."""
+    wrong = training.joins[i].points[training.found_wrong(i)]
+    return np.isin(numbers, wrong, invert=True)
+
+
+def _carried_back(
     measured_0: FloatArray,
     measured: list[FloatArray],
     images: list[FloatArray],
     spectral_0: SpectralShape,
-) -> SparseMatrix:
-    """Return the places of all landmarks on the reference.
+) -> FloatArray:
+    """Return where shapes have, on the reference, the landmarks that it lacks; NaN elsewhere.
 
-    Those that it lacks are where they are in the median over other shapes, carried back by the
-    reference's image there.
+    Its shape is (n_shapes, n_landmarks, 3): each is carried back by the reference's image.
     """
-    points = measured_0.copy()
-    lacks = ~np.isfinite(points).all(axis=1)
-    if lacks.any():
-        back = np.full((len(measured), len(points), 3), np.nan)
-        for t, (at, image) in enumerate(zip(measured, images, strict=True)):
-            rows = np.flatnonzero(lacks & np.isfinite(at).all(axis=1))
+    lacks = ~np.isfinite(measured_0).all(axis=1)
+    back = np.full((len(measured), len(measured_0), 3), np.nan)
+    for t, (at, image) in enumerate(zip(measured, images, strict=True)):
+        rows = np.flatnonzero(lacks & np.isfinite(at).all(axis=1))
+        if len(rows):
             near = nearest_places(at[rows], image, spectral_0.mesh.faces)
             there = spectral_0.vertices[near.corners]
             back[t, rows] = np.einsum("nc,ncd->nd", near.weights, there)
-        points[lacks] = np.nanmedian(back[:, lacks], axis=0)
-    return _places(points, spectral_0)
+    return back
+
+
+def _voted(measured_0: FloatArray, back: FloatArray) -> FloatArray:
+    """Return landmarks on the reference; those that it lacks in the median, or NaN if none has."""
+    points = measured_0.copy()
+    seen = np.isfinite(back).all(axis=2).any(axis=0)
+    points[seen] = np.nanmedian(back[:, seen], axis=0)
+    return points
 
 
 def _places(points: FloatArray, spectral_0: SpectralShape) -> SparseMatrix:
@@ -296,15 +324,14 @@ def _places(points: FloatArray, spectral_0: SpectralShape) -> SparseMatrix:
 
 
 def _missed(
-    model: LandmarkModel,
-    spectral_0: SpectralShape,
+    places: SparseMatrix,
     spectral: SpectralShape,
     images: FloatArray,
     measured: FloatArray,
 ) -> FloatArray:
     """Return the vectors from answers to measured points, (n_landmarks, 3)."""
     surface = ClosestPoints(spectral.vertices, spectral.mesh.faces)
-    return np.asarray(measured - model.points_on(spectral_0, images, surface))
+    return np.asarray(measured - surface.of(np.asarray(places @ images)).points)
 
 
 def _turns(places: SparseMatrix, reference: SpectralShape, images: FloatArray) -> FloatArray:

@@ -29,6 +29,9 @@ class Settings(NamedTuple):
     refine: str | None
 
 
+# What models did not learn before it was there.
+_NOT_KNOWN = {"landmarks_": None, "known_maps_": None}
+
 # Files name these classes by the modules that they lay in.
 for _module in ("_bridge", "_confidence", "_matching"):
     sys.modules.setdefault(f"skfmap.{_module}", sys.modules[__name__])
@@ -43,7 +46,7 @@ def upgraded(state: dict[str, Any]) -> dict[str, Any]:
         If the model matched through a bridge.
     """
     if "bridge" not in state:
-        return {"landmarks_": None, **state} if "matcher_" in state else state
+        return {**_NOT_KNOWN, **state} if "matcher_" in state else state
     if state["bridge"] is not None:
         raise OutdatedModelError(
             "This model matches through a bridge, and was saved before that was a BridgedLearner: "
@@ -86,5 +89,4 @@ def _fitted(old: dict[str, Any]) -> dict[str, Any]:
         ),
         *(old[name] for name in ("stability_", "epsilon_", "loss_curve_", "n_iter_", "converged_")),
     )
-    parts = {"matcher_": matcher, "confidence_": confidence, "landmarks_": None}
-    return {**parts, "record_": record}
+    return {**_NOT_KNOWN, "matcher_": matcher, "confidence_": confidence, "record_": record}

@@ -1,6 +1,7 @@
 """Landmarks of new shapes."""
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -10,12 +11,20 @@ from skfmap.geometry.closest import ClosestPoints
 from skfmap.learner.confidence import Confidence
 from skfmap.learner.given_answers import given_surface
 from skfmap.learner.landmark_model import LandmarkModel
-from skfmap.learner.matcher import Matcher
+from skfmap.learner.matcher import Matcher, Solution
 from skfmap.refinement import match_points
 from skfmap.registration import Registration
 from skfmap.shapes import Landmarks, ProbedShape, SkippedShape
 
-__all__ = ["LandmarkPredictor"]
+__all__ = ["LandmarkPredictor", "Measured"]
+
+
+class Measured(NamedTuple):
+    """Landmarks of a shape, the solution of equation (2), and whether the shape is familiar."""
+
+    landmarks: Landmarks
+    solution: Solution
+    fits: bool
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,12 +47,12 @@ class LandmarkPredictor:
     coverage: float
     on_surface: bool
 
-    def of(self, shape: ProbedShape) -> tuple[Landmarks, bool]:
+    def of(self, shape: ProbedShape) -> Measured:
         """Return the landmarks of a shape, and whether it is like training shapes.
 
         Where it is not, there is no error to expect.
         """
-        images, fits = self._images(shape)
+        images, solution, fits = self._images(shape)
         scale = np.sqrt(shape.spectral.area)
         signs = MIRROR if shape.reflected else np.ones(3)
         vertices, faces = given_surface(shape.spectral)
@@ -51,7 +60,8 @@ class LandmarkPredictor:
         points = self.model.points_on(self.matcher.reference.spectral, images, surface)
         if self.on_surface:
             points = surface.of(points).points
-        return self._told(points * signs * scale, shape.name, scale, fits=fits), fits
+        told = self._told(points * signs * scale, shape.name, scale, fits=fits)
+        return Measured(told, solution, fits)
 
     def nowhere(self, shape: SkippedShape) -> Landmarks:
         """Return the answer for a shape that cannot be used: NaN."""
@@ -70,19 +80,20 @@ class LandmarkPredictor:
             coverage=None if radii is None else self.coverage,
         )
 
-    def _images(self, shape: ProbedShape) -> tuple[FloatArray, bool]:
+    def _images(self, shape: ProbedShape) -> tuple[FloatArray, Solution, bool]:
         """Return where the reference's vertices are, as in learning, and whether that fits."""
         matcher, spectral = self.matcher, shape.spectral
-        solution, registration = matcher.solve(shape), matcher.refinement
+        solution, registration = matcher.solve(shape, mirrored=True), matcher.refinement
         if isinstance(registration, Registration):
             functions = matcher.functions
             before = match_points(spectral, matcher.reference.spectral, solution.C, functions)
             laid = registration.lay(matcher, spectral, before)
-            return laid.vertices, laid.fits
+            return laid.vertices, solution, laid.fits
         before, after = matcher.match_points(shape, solution.C)
         fits = True
         if self.confidence is not None:
+            refined = registration is not None
             fits = self.confidence.assess(
-                matcher, shape, solution, before, after, refined=True
+                matcher, shape, solution, before, after, refined=refined
             ).familiar
-        return np.asarray(spectral.vertices[after.inverse]), fits
+        return np.asarray(spectral.vertices[after.inverse]), solution, fits

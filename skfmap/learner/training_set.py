@@ -7,7 +7,7 @@ from typing import Any, NamedTuple, Self, TypeAlias
 import numpy as np
 
 from skfmap._tools.caching import MemoryLike
-from skfmap._tools.types import FloatArray, IntArray
+from skfmap._tools.types import BoolArray, FloatArray, IntArray
 from skfmap._tools.validation import check_sample_weight
 from skfmap.exceptions import CorrespondenceError, MeshError
 from skfmap.functional.learning import LearnedMaps, learn_functional_maps
@@ -290,6 +290,14 @@ class TrainingSet:
         rows = order[np.searchsorted(truth.pairs[order, 1], join.points)]
         measured = truth.coordinates[rows] / np.sqrt(shape.area)
         return measured * MIRROR if self.shapes[i].reflected else measured
+
+    def found_wrong(self, i: int) -> BoolArray:
+        """Return which pairs of the i-th shape were left out when its known map was built.
+
+        An array of shape (n_pairs,). None of them where the map was made of the pairs as given.
+        """
+        was_built = self.observed[i].join is not self.joins[i]
+        return np.asarray(was_built & (self.known[i].areas == 0))
 
     def only(self, rows: IntArray) -> Self:
         """Return the training set of some of the shapes, and the reference."""

@@ -381,8 +381,8 @@ def _samples(training: Any, matcher: Any, start: Refinement | None, pose: str) -
 def _sample(matcher: Any, training: Any, i: int, pose: str) -> _Sample:
     shape, known = training.shapes[i], training.known[i]
     spectral_0 = training.reference.spectral
-    # Where shapes are stiff there are few pairs, and none of them are wrong because of bending.
-    right = np.ones(len(known.areas), bool) if pose == "similarity" else known.areas > 0
+    # Where shapes are stiff, functions do not tell which pairs are wrong; space may have.
+    right = ~training.found_wrong(i) if pose == "similarity" else known.areas > 0
     draw = min(_FEW_PAIRS * right.sum(), spectral_0.mesh.n_vertices)
     join = training.joins[i].take(right)
     pairs = Anchors(
@@ -427,11 +427,12 @@ def _lay_by_pairs(spectral_0: SpectralShape, sample: _Sample) -> FloatArray:
         *asked,
     )
     known = _LAID.setdefault(sample.spectral, {})
-    if key not in known:
-        while len(known) >= _MOST_LAID:
-            known.pop(next(iter(known)), None)
-        known[key] = _by_pairs(spectral_0, sample)
-    return known[key]
+    laid = known.get(key)
+    if laid is None:
+        for oldest in list(known)[: 1 - _MOST_LAID]:  # other threads may drop it too
+            known.pop(oldest, None)
+        laid = known[key] = _by_pairs(spectral_0, sample)
+    return laid
 
 
 def _by_pairs(spectral_0: SpectralShape, sample: _Sample) -> FloatArray:

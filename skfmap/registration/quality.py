@@ -7,6 +7,7 @@ import numpy as np
 
 from skfmap._tools.types import BoolArray, FloatArray, IntArray
 from skfmap.geometry.closest import ClosestPoints
+from skfmap.geometry.normals import vertex_normals
 from skfmap.registration.deformation import Deformation
 
 __all__ = ["Limits", "Quality", "assess"]
@@ -27,9 +28,10 @@ class Quality(NamedTuple):
     Attributes
     ----------
     off : float
-        Share of the reference's area that lies off the shape, by more than two mean edges.
+        Share of the reference's area that lies off the shape, by more than two mean edges, or on it
+        but facing the other way, as what is folded into another part does.
     uncovered : float
-        Share of the shape's area that lies off the reference.
+        Share of the shape's area that lies off the reference, likewise.
     stretched : float
         Share of the reference's area that is stretched, or compressed, more than nearly all of what
         training showed.
@@ -86,10 +88,21 @@ def assess(
     off = _OFF * float(np.linalg.norm(deformation.mean.vectors, axis=1).mean())
     mean_strain = _at_vertices(deformation, deformation.mean.strains(laid[0]))
     return Quality(
-        _share(ClosestPoints(*shape[:2]).of(laid[0]).distances > off, laid[2]),
-        _share(ClosestPoints(*laid[:2]).of(shape[0]).distances > off, shape[2]),
+        _share(_lies_off(laid, shape, off), laid[2]),
+        _share(_lies_off(shape, laid, off), shape[2]),
         _share(mean_strain > limits.strain, laid[2]),
     )
+
+
+def _lies_off(
+    one: tuple[FloatArray, IntArray, FloatArray],
+    other: tuple[FloatArray, IntArray, FloatArray],
+    off: float,
+) -> BoolArray:
+    """Return which vertices of one mesh are far from another, or face the other way there."""
+    near = ClosestPoints(*other[:2]).of(one[0])
+    cosines = np.einsum("na,na->n", vertex_normals(*one[:2]), near.normals)
+    return np.asarray((near.distances > off) | (cosines < 0))
 
 
 def _share(which: BoolArray, areas: FloatArray) -> float:

@@ -134,7 +134,7 @@ def evaluate_landmarks(
     usable = [i for i, shape in enumerate(given) if not isinstance(shape, SkippedShape)]
     index = index_of_reference(learner, given, usable)
     if cv is None and learner.landmarks_ is not None and len(learner.landmarks_.left_out.indices):
-        return _left_out_by_fit(learner.landmarks_, given, landmarks)
+        return _left_out_by_fit(learner.landmarks_, given, y, landmarks)
     order = [index, *(i for i in usable if i != index)]
     shapes: list[Any] = [given[i] for i in order]
     truths: list[Any] = [y[i] for i in order]
@@ -162,9 +162,15 @@ def evaluate_landmarks(
 
 
 def _left_out_by_fit(
-    model: LandmarkModel, shapes: Sequence[Any], landmarks: Sequence[Landmarks | None]
+    model: LandmarkModel,
+    shapes: Sequence[Any],
+    y: Sequence[Any],
+    landmarks: Sequence[Landmarks | None],
 ) -> LandmarkEvaluation:
-    """Return what `fit` found on the specimens that it left out."""
+    """Return what `fit` found on the specimens that it left out.
+
+    What it missed are the points of ``y``; ``landmarks`` may be those of another observer.
+    """
     left = model.left_out
     rows = [row for row, i in enumerate(left.indices) if landmarks[i] is not None]
     rows.sort(key=lambda row: int(left.indices[row]))
@@ -174,7 +180,7 @@ def _left_out_by_fit(
         scale, group = np.sqrt(spectral.area), int(left.groups[row])
         errors, radii = model.expected_errors(group), model.radii(_COVERAGE, group)
         at = Landmarks(
-            in_order(marks, model.names) - scale * left.missed[row],
+            in_order(y[left.indices[row]].landmarks, model.names) - scale * left.missed[row],
             model.names,
             name=spectral.name,
             expected_error=None if errors is None else scale * errors,

@@ -93,7 +93,7 @@ class Correspondence:
     names : sequence of str, optional
         Name of each template point, all different. Correspondences with names are joined by them.
     coordinates : array-like of shape (n_pairs, 3), optional
-        The points as they were measured, in the units of the mesh.
+        The points as they were measured, in the units of the mesh; each template point once.
     distance : array-like of shape (n_pairs,), optional
         How far these are from their places, in the same units.
 
@@ -149,6 +149,8 @@ class Correspondence:
             "distance": _check_rows(self.distance, (n_pairs,), "distance"),
         }.items():
             object.__setattr__(self, what, checked)
+        if self.coordinates is not None:
+            _check_once(self.pairs[:, 1])
 
     def _check_symmetric(self) -> None:
         if self.symmetric_pairs is None:
@@ -703,6 +705,15 @@ def _check_names(names: Any, pairs: IntArray, symmetric: IntArray | None) -> tup
                 "points are counted from 0."
             )
     return out
+
+
+def _check_once(points: IntArray) -> None:
+    numbers, counts = np.unique(points, return_counts=True)
+    if (counts > 1).any():
+        raise CorrespondenceError(
+            f"Template point {numbers[counts > 1][0]} has {counts.max()} pairs with coordinates; "
+            "a point is measured once on a shape. Give one pair for each, or no coordinates."
+        )
 
 
 def _check_rows(values: Any, shape: tuple[int, ...], who: str) -> FloatArray | None:

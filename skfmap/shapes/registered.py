@@ -28,7 +28,7 @@ class Registered:
         Faces of the working mesh that are folded over.
     off : float
         Share of the reference's area that lies off the shape, by more than two edges of its working
-        mesh.
+        mesh, or on it but facing the other way.
     uncovered : float
         Share of the shape's area that lies off the reference.
     stretched : float

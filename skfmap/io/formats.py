@@ -1,0 +1,64 @@
+"""Formats of meshes: those that are read, and those that are not."""
+
+from collections.abc import Iterable
+from pathlib import Path
+
+__all__ = ["MESH_SUFFIXES", "READ_SUFFIXES", "remedy_for", "unread_formats"]
+
+MESH_SUFFIXES = (".off", ".obj", ".ply", ".stl")
+"""Formats that are read and written."""
+
+READ_SUFFIXES = (*MESH_SUFFIXES, ".glb", ".gltf")
+"""Formats that are read."""
+
+_PARAVIEW = "ParaView and 3D Slicer save it as PLY"
+_BRAINS = "nibabel reads it: Mesh(*nibabel.freesurfer.read_geometry(path))"
+_BLENDER = "Blender saves it as PLY or GLB"
+_CAD = "FreeCAD and Gmsh make it a mesh, and save that as PLY"
+_GMSH = "the command meshio convert makes it a PLY file"
+_MESHLAB = "MeshLab saves it as PLY"
+
+# What other programs keep surfaces in, and how to get them out.
+_REMEDIES = {
+    **dict.fromkeys((".vtk", ".vtm", ".vtp", ".vtu"), _PARAVIEW),
+    **dict.fromkeys((".inflated", ".orig", ".pial", ".smoothwm", ".sphere", ".white"), _BRAINS),
+    ".gii": "nibabel reads it: nibabel.load(path).agg_data()",
+    **dict.fromkeys((".blend", ".dae", ".fbx", ".usd", ".usda", ".usdc", ".usdz"), _BLENDER),
+    **dict.fromkeys((".iges", ".igs", ".step", ".stp"), _CAD),
+    **dict.fromkeys((".mesh", ".msh", ".xdmf"), _GMSH),
+    **dict.fromkeys(
+        (".3ds", ".3mf", ".amf", ".byu", ".ctm", ".drc", ".ifs", ".iv", ".lwo", ".smf", ".srf",
+         ".surf", ".tri", ".vrml", ".wrl", ".x3d"),
+        _MESHLAB,
+    ),
+}  # fmt: skip
+
+_MOST = 8  # names that a message lists
+
+
+def remedy_for(suffix: str) -> str:
+    """Return how a mesh of a format that is not read comes into one that is, as a sentence."""
+    remedy = _REMEDIES.get(suffix)
+    return f" {remedy[0].upper()}{remedy[1:]}." if remedy else ""
+
+
+def unread_formats(folder: Path, files: Iterable[Path], read: Iterable[Path]) -> str:
+    """Name the meshes among files whose format is not read, and say what to do; empty if none.
+
+    Those that are there in another format too are not missed.
+    """
+    stems = {path.stem for path in read}
+    missed = sorted(
+        path.name
+        for path in files
+        if path.suffix.lower() in _REMEDIES and path.stem not in stems and path.name[0] != "."
+    )
+    if not missed:
+        return ""
+    rest = f" and {len(missed) - _MOST} more" if len(missed) > _MOST else ""
+    suffixes = sorted({Path(name).suffix.lower() for name in missed})
+    remedies = dict.fromkeys(remedy_for(suffix) for suffix in suffixes)
+    return (
+        f"{folder}: {', '.join(missed[:_MOST])}{rest} are left out, as {', '.join(suffixes)} is "
+        f"not read.{''.join(remedies)}"
+    )

@@ -1,0 +1,145 @@
+"""Numbers in mesh files: tables and lists, as text and as bytes."""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from skfmap._tools.types import FloatArray, IntArray
+from skfmap.exceptions import MeshError
+
+__all__ = ["Polygons", "as_text", "numbers_of", "polygons_of_lines", "table_of_lines", "whole"]
+
+# Byte order marks; that of UTF-32 begins like that of UTF-16, and comes first.
+_MARKS = (
+    (b"\xef\xbb\xbf", "utf-8"),
+    (b"\xff\xfe\x00\x00", "utf-32-le"),
+    (b"\x00\x00\xfe\xff", "utf-32-be"),
+    (b"\xff\xfe", "utf-16-le"),
+    (b"\xfe\xff", "utf-16-be"),
+)
+
+_LARGEST = 2**53  # whole numbers beyond are not exact as floats, which text is read as
+
+_SHOWN = 60  # letters of a line that a message quotes
+
+
+class Polygons(NamedTuple):
+    """Faces of any number of corners, as `skfmap.geometry.polygons.triangulate` takes them."""
+
+    corners: IntArray
+    counts: IntArray
+
+
+def as_text(content: bytes) -> bytes:
+    """Return the content of a text file in UTF-8; the byte order mark tells what it is in.
+
+    Raises
+    ------
+    MeshError
+        If it is text of two bytes a letter without a mark, or not what its mark says.
+    """
+    for mark, encoding in _MARKS:
+        if content.startswith(mark):
+            body = content.removeprefix(mark)
+            if encoding == "utf-8":
+                return body  # comments may be in anything
+            try:
+                return body.decode(encoding).encode()
+            except UnicodeDecodeError:
+                raise MeshError(
+                    f"begins as {encoding.upper()} text, but is not: damaged, or cut short. Save "
+                    "it as UTF-8."
+                ) from None
+    head = content[:64]
+    if len(head) > 8 and any(set(head[i::2]) == {0} and 0 not in head[1 - i :: 2] for i in (0, 1)):
+        raise MeshError("is UTF-16 text without a byte order mark. Save it as UTF-8.")
+    return content
+
+
+def table_of_lines(lines: Sequence[bytes], columns: Sequence[int], what: str) -> FloatArray:
+    """Return numbers in these columns of each line, shape (n_lines, n_columns)."""
+    if not lines:
+        return np.empty((0, len(columns)))
+    text = [line.decode("latin-1") for line in lines]
+    try:
+        return np.loadtxt(text, usecols=list(columns), comments=None, ndmin=2, dtype=np.float64)
+    except ValueError:
+        pass
+    for line in text:  # which one it is
+        words = line.split()
+        try:
+            [float(words[column]) for column in columns]
+        except (ValueError, IndexError):
+            raise MeshError(
+                f"has {what} that is no {len(columns)} numbers: {line.strip()[:_SHOWN]!r}. Is it "
+                "cut short, or damaged?"
+            ) from None
+    raise MeshError(f"has {what} that is no row of numbers.")
+
+
+def numbers_of(words: Sequence[bytes], what: str) -> FloatArray:
+    """Return numbers, wherever lines end."""
+    try:
+        return np.array([float(word) for word in words])
+    except ValueError:
+        for word in words:
+            try:
+                float(word)
+            except ValueError:
+                raise MeshError(f"has {what} with {_quoted(word)}, which is no number.") from None
+        raise
+
+
+def whole(values: FloatArray, what: str) -> IntArray:
+    """Return whole numbers as such."""
+    with np.errstate(invalid="ignore"):
+        wrong = ~((values == np.round(values)) & (np.abs(values) <= _LARGEST))
+    if wrong.any():
+        raise MeshError(f"has {what} whose vertices are no whole numbers: {values[wrong][0]:g}.")
+    return values.astype(np.int64)
+
+
+def polygons_of_lines(lines: Sequence[bytes]) -> Polygons:
+    """Return the faces of lines that say how many corners follow; what comes behind is left out."""
+    heads = [line.split(maxsplit=1)[0] if line.strip() else b"" for line in lines]
+    for line, head in zip(lines, heads, strict=True):
+        if not head.isdigit():
+            raise MeshError(
+                "has a face that does not begin with its number of corners: "
+                f"{_quoted(line)}. Is it damaged?"
+            )
+        if len(head) > 9 or int(head) > len(line):  # before memory is asked for
+            raise _cut_short(line, head.decode())
+    counts = np.array([int(head) for head in heads], dtype=np.int64)
+    start = np.cumsum(counts) - counts
+    corners = np.empty(int(counts.sum()) if counts.size else 0, dtype=np.int64)
+    for n in np.unique(counts[counts > 0]).tolist():
+        at = np.flatnonzero(counts == n)
+        own = [lines[i] for i in at.tolist()]
+        corners[start[at][:, None] + np.arange(n)] = _corners(own, n)
+    return Polygons(corners, counts)
+
+
+def _corners(lines: Sequence[bytes], n: int) -> IntArray:
+    for line in lines:
+        words = line.split(maxsplit=n + 1)
+        if len(words) <= n:
+            raise _cut_short(line, str(n))
+    try:
+        return whole(table_of_lines(lines, range(1, n + 1), "a face"), "a face")
+    except MeshError:
+        for line in lines:
+            if not all(word.lstrip(b"+-").isdigit() for word in line.split()[1 : n + 1]):
+                raise MeshError(
+                    f"has a face whose vertices are no whole numbers: {_quoted(line)}."
+                ) from None
+        raise
+
+
+def _cut_short(line: bytes, said: str) -> MeshError:
+    return MeshError(f"has a face that is cut short: {_quoted(line)} says {said} vertices.")
+
+
+def _quoted(line: bytes) -> str:
+    return repr(line.decode("latin-1").strip()[:_SHOWN])

@@ -1,0 +1,67 @@
+"""OBJ files: vertices and polygons as text; texture, normals and materials are left out."""
+
+import re
+
+import numpy as np
+
+from skfmap._tools.types import FloatArray
+from skfmap.exceptions import MeshError
+from skfmap.io.numbers import Polygons, as_text, table_of_lines
+
+__all__ = ["read_obj"]
+
+_CONTINUED = re.compile(rb"\\\r?\n")
+# Surfaces that are no polygons.
+_FREE_FORM = {b"curv", b"curv2", b"surf"}
+
+
+def read_obj(content: bytes) -> tuple[FloatArray, Polygons]:
+    """Return the vertices and faces of an OBJ file; it counts from 1, and back from its end.
+
+    What follows the three coordinates of a vertex (a weight, a colour) and its number in a face
+    (texture, normal) is left out.
+
+    Raises
+    ------
+    MeshError
+        If it is no such file; the message goes on behind its name.
+    """
+    points: list[bytes] = []
+    corners: list[int] = []
+    counts: list[int] = []
+    curved = False
+    for line in _CONTINUED.sub(b" ", as_text(content)).splitlines():
+        words = line.split(b"#", maxsplit=1)[0].split()
+        if not words:
+            continue
+        if words[0] == b"v":
+            points.append(b" ".join(words[1:]))
+        elif words[0] == b"f":
+            counts.append(len(words) - 1)
+            corners += [_number(word, len(points), line) for word in words[1:]]
+        curved |= words[0] in _FREE_FORM
+    if not counts:
+        what = (
+            "curved surfaces, which are no polygons: save it as polygons"
+            if curved
+            else "a cloud of points, or a file that was cut short"
+        )
+        raise MeshError(f"holds {len(points)} vertices and no faces: {what}.")
+    vertices = table_of_lines(points, range(3), "a vertex")
+    return vertices, Polygons(np.array(corners, dtype=np.int64), np.array(counts))
+
+
+def _number(word: bytes, n_vertices: int, line: bytes) -> int:
+    """Return the number of a vertex, from 0."""
+    said = line.decode("latin-1").strip()[:60]
+    try:
+        number = int(word.split(b"/", maxsplit=1)[0])
+    except ValueError:
+        raise MeshError(
+            f"has a face whose vertices are no whole numbers: {said!r}. Is it damaged?"
+        ) from None
+    if number == 0 or number < -n_vertices:
+        raise MeshError(
+            f"has a face with vertex 0, or before it ({said!r}); OBJ files count from 1."
+        )
+    return number - 1 if number > 0 else n_vertices + number

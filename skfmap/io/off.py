@@ -1,0 +1,151 @@
+"""OFF files: vertices and polygons as text."""
+
+import re
+
+import numpy as np
+
+from skfmap._tools.types import FloatArray
+from skfmap.exceptions import MeshError
+from skfmap.io.numbers import (
+    Polygons,
+    as_text,
+    numbers_of,
+    polygons_of_lines,
+    table_of_lines,
+    whole,
+)
+
+__all__ = ["read_off"]
+
+# Texture coordinates, colours, normals, a homogeneous fourth coordinate, another dimension.
+_KEYWORD = re.compile(rb"(ST)?(C)?(N)?(4)?(n)?OFF")
+
+
+def read_off(content: bytes) -> tuple[FloatArray, Polygons]:
+    """Return the vertices and faces of an OFF file, COFF, NOFF, STOFF and 4OFF among them.
+
+    Vertices begin with their coordinates, whatever follows them; those of 4OFF are homogeneous, and
+    are divided by their fourth coordinate.
+
+    Raises
+    ------
+    MeshError
+        If it is no such file; the message goes on behind its name.
+    """
+    content = as_text(content)
+    if re.match(rb"\s*\S*OFF\s+BINARY\b", content):
+        raise MeshError("is a binary OFF file, which is not read: save it as text, or as PLY.")
+    lines = [line.split(b"#", maxsplit=1)[0].strip() for line in content.splitlines()]
+    lines = [line for line in lines if line]
+    words = lines[0].split() if lines else []
+    keyword = _KEYWORD.fullmatch(words[0]) if words else None
+    if keyword is None:
+        if len(words) != 3 or not all(word.isdigit() for word in words):
+            raise MeshError(
+                "is no OFF file: it begins neither with OFF nor with its numbers of vertices, "
+                "faces and edges. Was it saved in another format?"
+            )
+    else:  # what follows it in its line is another one
+        rest = b" ".join(words[1:])
+        lines = [rest, *lines[1:]] if rest else lines[1:]
+    homogeneous = keyword is not None and keyword[4] is not None
+    if keyword is not None and keyword[5] is not None:
+        lines = _of_three_dimensions(lines)
+    n_vertices, n_faces, lines = _counts(lines)
+    if n_faces == 0:
+        raise MeshError(
+            f"holds {n_vertices} vertices and no faces: a cloud of points, or a file that was cut "
+            "short."
+        )
+    per_vertex = 4 if homogeneous else 3
+    if not _has_line_for_each(lines, n_vertices, n_faces, per_vertex):
+        return _of_words(lines, n_vertices, n_faces, per_vertex)
+    points = table_of_lines(lines[:n_vertices], range(per_vertex), "a vertex")
+    return _divided(points), polygons_of_lines(lines[n_vertices : n_vertices + n_faces])
+
+
+def _of_three_dimensions(lines: list[bytes]) -> list[bytes]:
+    words = lines[0].split() if lines else []
+    if not words or words[0] != b"3":
+        said = words[0].decode("latin-1") if words else "?"
+        raise MeshError(f"holds points of {said} dimensions; a surface in space has three.")
+    rest = b" ".join(words[1:])
+    return [rest, *lines[1:]] if rest else lines[1:]
+
+
+def _counts(lines: list[bytes]) -> tuple[int, int, list[bytes]]:
+    """Return the numbers of vertices and faces, and the lines behind them."""
+    words = lines[0].split() if lines else []
+    if len(words) < 2 or not all(word.isdigit() for word in words[:3]):
+        said = lines[0].decode("latin-1")[:60] if lines else ""
+        raise MeshError(
+            f"does not say how many vertices and faces it holds, but {said!r}. Is it damaged, or "
+            "of another format?"
+        )
+    rest = b" ".join(words[3:])
+    return int(words[0]), int(words[1]), ([rest] if rest else []) + lines[1:]
+
+
+def _has_line_for_each(lines: list[bytes], n_vertices: int, n_faces: int, per_vertex: int) -> bool:
+    """Return whether each vertex and each face has a line; raise if there are more lines.
+
+    Lines of numbers are split in any way otherwise.
+    """
+    body = lines[: n_vertices + n_faces]
+    one_each = all(len(line.split(maxsplit=per_vertex)) >= per_vertex for line in body[:n_vertices])
+    one_each &= all(
+        len(words := line.split()) > 0 and words[0].isdigit() and len(words) > int(words[0])
+        for line in body[n_vertices:]
+    )
+    if one_each and len(lines) > n_vertices + n_faces:
+        raise MeshError(
+            f"says that it holds {n_faces} faces, but more lines follow. Is its head wrong, or did "
+            "two files run into one?"
+        )
+    return one_each and len(body) == n_vertices + n_faces
+
+
+def _of_words(
+    lines: list[bytes], n_vertices: int, n_faces: int, per_vertex: int
+) -> tuple[FloatArray, Polygons]:
+    """Read numbers one after the other, wherever lines end; they must come out even."""
+    words = b" ".join(lines).split()
+    at = n = per_vertex * n_vertices
+    counts: list[int] = []
+    corners: list[bytes] = []
+    while len(counts) < n_faces and at < len(words) and words[at].isdigit():
+        count = int(words[at])
+        if at + count >= len(words):
+            break
+        counts.append(count)
+        corners += words[at + 1 : at + 1 + count]
+        at += 1 + count
+    if len(counts) < n_faces or at < len(words):
+        return _complain(lines, n_vertices, n_faces, len(counts))
+    points = numbers_of(words[:n], "a vertex").reshape(-1, per_vertex)
+    return _divided(points), Polygons(
+        whole(numbers_of(corners, "a face"), "a face"), np.array(counts)
+    )
+
+
+def _complain(
+    lines: list[bytes], n_vertices: int, n_faces: int, n_read: int
+) -> tuple[FloatArray, Polygons]:
+    polygons_of_lines(lines[n_vertices : n_vertices + n_faces])  # a face that is wrong by itself
+    raise MeshError(
+        f"says that it holds {n_vertices} vertices and {n_faces} faces, but only {n_read} faces "
+        "could be read; the file is truncated, or its head is wrong."
+    )
+
+
+def _divided(points: FloatArray) -> FloatArray:
+    """Return positions in space of homogeneous coordinates; others as they are."""
+    if points.shape[1] == 3:
+        return points
+    scale = points[:, 3:]
+    if (scale == 0).any():
+        raise MeshError(
+            f"has a vertex at infinity ({int(np.flatnonzero(scale == 0)[0])}): its fourth, "
+            "homogeneous coordinate is 0. Leave it out before saving."
+        )
+    return np.asarray(points[:, :3] / scale)

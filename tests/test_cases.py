@@ -1,0 +1,633 @@
+"""Inputs of the field that were once wrong without a word: one test for each kind."""
+
+import struct
+import warnings
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+import trimesh
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from sklearn.base import clone
+from sklearn.model_selection import KFold, LeaveOneOut, cross_val_predict
+
+from skfmap import Mesh, check_mesh
+from skfmap.commands.inputs import mesh_files
+from skfmap.datasets import load_collection, make_sphere
+from skfmap.exceptions import (
+    CorrespondenceError,
+    CoverageWarning,
+    MeshError,
+    RepairWarning,
+    SkippedShapeWarning,
+)
+from skfmap.geometry.polygons import triangulate
+from skfmap.io import as_meshes, read_arrays, read_mesh, write_mesh
+from skfmap.model_selection import PinnedReference
+from skfmap.shapes import SkippedShape
+from skfmap.shapes.crowded import crowded_points
+
+
+@pytest.fixture
+def write(tmp_path):
+    """Return a function that writes text or bytes to a file and returns its path."""
+
+    def write(name, content):
+        path = tmp_path / name
+        path.write_bytes(content.encode() if isinstance(content, str) else content)
+        return path
+
+    return write
+
+
+def _area(vertices, faces):
+    a, b, c = (vertices[faces[:, j]] for j in range(3))
+    return np.linalg.norm(np.cross(b - a, c - a), axis=1).sum() / 2
+
+
+# Polygons
+
+
+def _star(radii):
+    """Return a polygon that is seen whole from the origin, and its area by the shoelace formula."""
+    angle = 2 * np.pi * np.arange(len(radii)) / len(radii)
+    x, y = radii * np.cos(angle), radii * np.sin(angle)
+    area = abs(np.sum(x * np.roll(y, -1) - y * np.roll(x, -1))) / 2
+    return np.stack([x, y, np.zeros(len(radii))], axis=1), area
+
+
+@settings(max_examples=60, deadline=None)
+@given(
+    radii=st.lists(st.floats(0.2, 1), min_size=4, max_size=12),
+    first=st.integers(0, 11),
+    seed=st.integers(0, 99),
+)
+def test_a_polygon_keeps_its_area_and_its_side_wherever_it_begins(radii, first, seed):
+    flat, area = _star(np.array(radii))
+    turn, _ = np.linalg.qr(np.random.default_rng(seed).normal(size=(3, 3)))
+    turn *= np.linalg.det(turn)
+    vertices = 40 * flat @ turn.T + [3, -5, 9]
+    n = len(radii)
+    faces, crossing = triangulate(vertices, np.roll(np.arange(n), first), np.array([n]))
+    assert len(faces) == n - 2
+    assert len(crossing) == 0
+    a, b, c = (vertices[faces[:, j]] for j in range(3))
+    along = np.cross(b - a, c - a) @ turn[:, 2] / 2
+    assert (along > -1e-9).all()
+    np.testing.assert_allclose(along.sum(), 1600 * area, rtol=1e-9)
+
+
+DENTED = np.array([[0.0, 0, 0], [2, 1, 0], [0, 2, 0], [1, 1, 0]])
+
+
+@pytest.mark.parametrize("first", range(4))
+@pytest.mark.parametrize("form", ["obj", "off", "ply", "binary ply"])
+def test_a_dented_quad_has_its_area_in_every_format(write, form, first):
+    order = np.roll(np.arange(4), first)
+    rows = "".join(f"{x} {y} {z}\n" for x, y, z in DENTED)
+    said = " ".join(map(str, order))
+    head = (
+        "ply\nformat {} 1.0\nelement vertex 4\nproperty double x\nproperty double y\n"
+        "property double z\nelement face 1\nproperty list uchar int vertex_indices\nend_header\n"
+    )
+    files = {
+        "obj": ("a.obj", rows.replace("\n", "\nv ").join(["v ", ""]).removesuffix("v ")
+                + f"f {' '.join(map(str, order + 1))}\n"),
+        "off": ("a.off", f"OFF\n4 1 0\n{rows}4 {said}\n"),
+        "ply": ("a.ply", head.format("ascii") + f"{rows}4 {said}\n"),
+        "binary ply": (
+            "a.ply",
+            head.format("binary_big_endian").encode()
+            + DENTED.astype(">f8").tobytes() + struct.pack(">B4i", 4, *order),
+        ),
+    }  # fmt: skip
+    vertices, faces = read_arrays(write(*files[form]))
+    np.testing.assert_array_equal(vertices, DENTED)
+    assert _area(vertices, faces) == pytest.approx(1)
+
+
+def test_a_hole_that_a_way_leads_to_stays_open():
+    outer, inner = [[0, 0], [4, 0], [4, 4], [0, 4]], [[1, 1], [1, 3], [3, 3], [3, 1]]
+    vertices = np.pad(np.array([*outer, *inner], dtype=float), ((0, 0), (0, 1)))
+    faces, _ = triangulate(vertices, np.array([0, 1, 2, 3, 0, 4, 5, 6, 7, 4]), np.array([10]))
+    assert _area(vertices, faces) == pytest.approx(16 - 4)
+
+
+@pytest.mark.parametrize("tilt", [0.0, 0.3])
+def test_a_polygon_that_crosses_itself_is_named_and_left_out(write, tilt):
+    rows = f"0 0 0\n2 1 {tilt}\n2 0 0\n0 1.5 0\n5 5 5\n"
+    path = write("bow.off", f"OFF\n5 2 0\n{rows}3 0 1 4\n4 0 1 2 3\n")
+    with pytest.warns(RepairWarning, match=r"bow\.off.*cross themselves.*face 1"):
+        _, faces = read_arrays(path)
+    assert faces[0].tolist() == [0, 1, 4]
+    assert len(np.unique(faces[1:])) < 3
+    with pytest.warns(RepairWarning, match="cross"):
+        assert "faces that name a vertex twice" in str(check_mesh(path))
+
+
+def test_lines_and_points_among_the_faces_are_no_triangles_but_are_not_lost(write):
+    path = write("a.off", "OFF\n4 3 0\n0 0 0\n1 0 0\n0 1 0\n1 1 0\n2 0 3\n4 0 1 3 2\n1 2\n")
+    _, faces = read_arrays(path)
+    assert faces.tolist() == [[0, 3, 3], [0, 1, 3], [0, 3, 2], [2, 2, 2]]
+
+
+# PLY files: what is stored beside positions
+
+
+def _ball():
+    ball = make_sphere(n_subdivisions=2)
+    return ball.vertices.astype(np.float32).astype(np.float64), ball.faces
+
+
+def _binary_ply(vertices, faces, *, extra, record, order="<", comment=b""):
+    name = {"<": b"little", ">": b"big"}[order]
+    head = (
+        b"ply\nformat binary_" + name + b"_endian 1.0\n" + comment + b"element vertex %d\n"
+        b"property float x\nproperty float y\nproperty float z\nelement face %d\n"
+        b"property list uchar int vertex_indices\n" % (len(vertices), len(faces))
+    )
+    return (
+        head + extra + b"end_header\n" + vertices.astype(f"{order}f4").tobytes()
+        + b"".join(record(face) for face in faces)
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize("n_loose", [0, 1, 30])
+@pytest.mark.parametrize("order", "<>")
+def test_texture_coordinates_of_corners_split_no_vertices(write, n_loose, order):
+    """However many vertices there are that no face uses: as many as copies would be, too."""
+    vertices, faces = _ball()
+    loose = np.tile([[3.0, 3.0, 3.0]], (n_loose, 1))
+    rng = np.random.default_rng(0)
+    stored = np.concatenate([loose, vertices])
+    content = _binary_ply(
+        stored,
+        faces + n_loose,
+        extra=b"property list uchar float texcoord\nproperty uchar flags\n",
+        record=lambda face: struct.pack(f"{order}B3iB6fB", 3, *face, 6, *rng.random(6), 7),
+        order=order,
+    )
+    found, triangles = read_arrays(write("a.ply", content))
+    np.testing.assert_array_equal(found, stored)
+    np.testing.assert_array_equal(triangles, faces + n_loose)
+
+
+def test_lists_of_many_lengths_are_read_record_by_record(write):
+    vertices, faces = _ball()
+    lengths = np.arange(len(faces)) % 4
+
+    def record(face):
+        n = lengths[np.flatnonzero((faces == face).all(axis=1))[0]]
+        return struct.pack(f"<B3iB{n}f", 3, *face, n, *range(n))
+
+    extra = b"property list uchar float texcoord\n"
+    found, triangles = read_arrays(
+        write("a.ply", _binary_ply(vertices, faces, extra=extra, record=record))
+    )
+    np.testing.assert_array_equal(found, vertices)
+    np.testing.assert_array_equal(triangles, faces)
+
+
+@pytest.mark.parametrize("comment", ["Mâchoire nº 4", "下顎骨", "Нижняя челюсть"])
+@pytest.mark.parametrize("encoding", ["utf-8", "latin-1", "cp1252", "shift_jis", "cp1251", "gbk"])
+@pytest.mark.parametrize("form", ["ascii", "binary_little_endian"])
+def test_comments_in_any_encoding(write, comment, encoding, form):
+    said = b"comment " + comment.encode(encoding, errors="replace") + b"\xff\n"
+    head = (
+        b"ply\nformat %s 1.0\n" % form.encode() + said + b"element vertex 3\nproperty float x\n"
+        b"property float y\nproperty float z\nobj_info " + said + b"element face 1\n"
+        b"property list uchar int vertex_indices\nend_header\n"
+    )
+    body = (
+        b"0 0 0\n1 0 0\n0 1 0\n3 0 1 2\n"
+        if form == "ascii"
+        else np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0]], "<f4").tobytes()
+        + struct.pack("<B3i", 3, 0, 1, 2)
+    )
+    vertices, faces = read_arrays(write("a.ply", head + body))
+    np.testing.assert_array_equal(vertices, [[0, 0, 0], [1, 0, 0], [0, 1, 0]])
+    assert faces.tolist() == [[0, 1, 2]]
+
+
+@pytest.mark.parametrize("form", ["ascii", "binary"])
+@pytest.mark.parametrize("parted", ["by -1", "by records"])
+def test_triangle_strips_are_read(write, form, parted):
+    """A band of two strips: triangles are wound alike, and cover it once."""
+    x, y = np.meshgrid(np.arange(5.0), np.arange(3.0), indexing="xy")
+    vertices = np.stack([x.ravel(), y.ravel(), np.zeros(15)], axis=1)
+    strips = [[v for i in range(5) for v in (row * 5 + 5 + i, row * 5 + i)] for row in range(2)]
+    lists = strips if parted == "by records" else [[*strips[0], -1, *strips[1]]]
+    head = (
+        f"ply\nformat {form}{'_little_endian' * (form == 'binary')} 1.0\nelement vertex 15\n"
+        "property float x\nproperty float y\nproperty float z\n"
+        f"element tristrips {len(lists)}\nproperty list int int vertex_indices\nend_header\n"
+    ).encode()
+    if form == "ascii":
+        rows = [*vertices.tolist(), *([len(one), *one] for one in lists)]
+        body = "".join(" ".join(map(str, row)) + "\n" for row in rows).encode()
+    else:
+        body = vertices.astype("<f4").tobytes() + b"".join(
+            np.array([len(one), *one], "<i4").tobytes() for one in lists
+        )
+    found, faces = read_arrays(write("a.ply", head + body))
+    a, b, c = (found[faces[:, j]] for j in range(3))
+    np.testing.assert_allclose(np.cross(b - a, c - a), np.tile([0, 0, 1], (16, 1)))
+
+
+def test_what_a_ply_file_holds_instead_of_faces_is_said(write):
+    head = "ply\nformat ascii 1.0\nelement vertex 1\nproperty float x\nproperty float y\n"
+    head += "property float z\n"
+    grid = "element range_grid 1\nproperty list uchar int vertex_indices\nend_header\n0 0 0\n1 0\n"
+    for rest, said in [(grid, "range_grid"), ("end_header\n0 0 0\n", "a cloud of points")]:
+        with pytest.raises(MeshError, match=rf"a\.ply.*{said}"):
+            read_arrays(write("a.ply", head + rest))
+
+
+# OFF files
+
+
+@pytest.mark.parametrize("weight", [1.0, 2.0, -0.5])
+@pytest.mark.parametrize("head", ["4OFF", "C4OFF", "STN4OFF"])
+def test_homogeneous_coordinates_are_divided(write, weight, head):
+    vertices, faces = _ball()
+    behind = {"4OFF": [], "C4OFF": [9, 9, 9, 1], "STN4OFF": [0, 0, 1, 0.3, 0.4]}[head]
+    rows = [[*(weight * v).tolist(), weight, *behind] for v in vertices]
+    rows += [[3, *face] for face in faces.tolist()]
+    text = "".join(" ".join(map(repr, row)) + "\n" for row in rows)
+    mesh = read_mesh(write("a.off", f"{head}\n{len(vertices)} {len(faces)} 0\n{text}"))
+    np.testing.assert_allclose(mesh.vertices, vertices, rtol=1e-15)
+    np.testing.assert_array_equal(mesh.faces, faces)
+
+
+@pytest.mark.parametrize(
+    ("head", "behind"),
+    [
+        ("COFF", [0.1, 0.2, 0.3, 1]),
+        ("COFF", [255, 0, 0]),
+        ("NOFF", [0, 0, 1]),
+        ("STOFF", [0.5, 0.5]),
+        ("CNOFF", [0, 0, 1, 9, 9, 9, 9]),
+        ("STCNOFF", [0, 0, 1, 9, 9, 9, 9, 0.1, 0.2]),
+        ("nOFF\n3", []),
+        ("nOFF 3", []),
+    ],
+)
+def test_what_stands_behind_positions_is_left_out(write, head, behind):
+    vertices, faces = _ball()
+    rows = [[*v, *behind] for v in vertices.tolist()] + [[3, *face] for face in faces.tolist()]
+    text = "".join(" ".join(map(repr, row)) + "\n" for row in rows)
+    mesh = read_mesh(write("a.off", f"{head}\n{len(vertices)} {len(faces)} 0\n{text}"))
+    np.testing.assert_array_equal(mesh.vertices, vertices)
+    np.testing.assert_array_equal(mesh.faces, faces)
+
+
+def test_off_files_may_break_lines_anywhere(write):
+    text = "OFF\n4 2\n0 0 0 1 0\n0 0 1 0 1 1 0 3 0 1\n2 3 1\n3 2\n"
+    text = text.replace("4 2\n", "4 2 0\n")
+    vertices, faces = read_arrays(write("a.off", text))
+    np.testing.assert_array_equal(vertices, [[0, 0, 0], [1, 0, 0], [0, 1, 0], [1, 1, 0]])
+    assert faces.tolist() == [[0, 1, 2], [1, 3, 2]]
+
+
+@pytest.mark.parametrize(
+    ("content", "said"),
+    [
+        (b"OFF BINARY\n" + bytes(64), "binary OFF file"),
+        ("nOFF\n2\n3 1 0\n0 0\n1 0\n0 1\n3 0 1 2\n", "points of 2 dimensions"),
+        ("4OFF\n3 1 0\n0 0 0 1\n1 0 0 0\n0 1 0 1\n3 0 1 2\n", r"at infinity \(1\)"),
+        ("OFF\n3 1 0\n0 0 0\n1 0 0\n0 1 x\n3 0 1 2\n", "'0 1 x'"),
+        ("PLY\n", "neither with OFF"),
+    ],
+)
+def test_what_is_wrong_with_an_off_file(write, content, said):
+    with pytest.raises(MeshError, match=rf"a\.off .*{said}"):
+        read_arrays(write("a.off", content))
+
+
+# Encodings, and files that were cut short
+
+
+@pytest.mark.parametrize("encoding", ["utf-8-sig", "utf-16", "utf-16-le", "utf-16-be", "utf-32"])
+@pytest.mark.parametrize("suffix", ["off", "obj", "ply"])
+def test_text_in_other_encodings_is_read_or_named(write, suffix, encoding):
+    vertices, faces = _ball()
+    options = {"encoding": "ascii"} if suffix == "ply" else {}
+    text = trimesh.Trimesh(vertices, faces, process=False).export(file_type=suffix, **options)
+    text = text.decode() if isinstance(text, bytes) else text
+    path = write(f"a.{suffix}", text.encode(encoding))
+    if encoding in ("utf-16-le", "utf-16-be"):  # no mark
+        with pytest.raises(MeshError, match=r"UTF-16 text without a byte order mark\. Save it"):
+            read_arrays(path)
+        return
+    found, triangles = read_arrays(path)
+    np.testing.assert_allclose(found, vertices, atol=1e-7)
+    np.testing.assert_array_equal(triangles, faces)
+
+
+@pytest.mark.parametrize("kind", ["stl", "stl_ascii"])
+@pytest.mark.parametrize("share", [0.001, 0.1, 0.5, 0.99])
+def test_a_truncated_stl_file_is_called_so(write, kind, share):
+    content = trimesh.Trimesh(*_ball(), process=False).export(file_type=kind)
+    content = content.encode() if isinstance(content, str) else content
+    with pytest.raises(MeshError, match=r"a\.stl .*(truncated|cut short)"):
+        read_arrays(write("a.stl", content[: int(share * len(content))]))
+
+
+def test_a_binary_stl_file_may_begin_like_text(write):
+    content = trimesh.Trimesh(*_ball(), process=False).export(file_type="stl")
+    vertices, faces = read_arrays(write("a.stl", b"solid body".ljust(80) + content[80:]))
+    assert (len(vertices), len(faces)) == (66, 128)
+
+
+# glTF
+
+
+@pytest.mark.parametrize("suffix", ["glb", "gltf"])
+@pytest.mark.parametrize("n_loose", [0, 2])
+def test_gltf_files_are_read_in_their_order(tmp_path, suffix, n_loose):
+    vertices, faces = _ball()
+    vertices = np.concatenate([np.full((n_loose, 3), 2.0), vertices])
+    mesh = trimesh.Trimesh(vertices, faces + n_loose, process=False)
+    if suffix == "glb":
+        mesh.export(tmp_path / "a.glb")
+    else:
+        for name, content in trimesh.Scene(mesh).export(file_type="gltf").items():
+            (tmp_path / name.replace("model.gltf", "a.gltf")).write_bytes(content)
+    found, triangles = read_arrays(tmp_path / f"a.{suffix}")
+    np.testing.assert_array_equal(found, vertices)
+    np.testing.assert_array_equal(triangles, faces + n_loose)
+
+
+def test_gltf_files_that_cannot_be_read_say_why(write, tmp_path):
+    trimesh.Trimesh(*_ball(), process=False).export(tmp_path / "a.glb")
+    whole = (tmp_path / "a.glb").read_bytes()
+    with pytest.raises(MeshError, match=r"b\.glb .*truncated"):
+        read_arrays(write("b.glb", whole[:-400]))
+    with pytest.raises(MeshError, match=r"c\.glb .*does not begin with glTF"):
+        read_arrays(write("c.glb", b"glXX" + whole[4:]))
+    draco = '{"asset": {"version": "2.0"}, "extensionsRequired": ["KHR_draco_mesh_compression"]}'
+    with pytest.raises(MeshError, match=r"d\.gltf .*without compression"):
+        read_arrays(write("d.gltf", draco))
+
+
+def test_reading_is_quiet_where_nothing_is_wrong(write):
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        mesh = read_mesh(write("a.off", "OFF\n4 1 0\n0 0 0\n1 0 0\n1 1 0\n0 1 0\n4 0 1 2 3\n"))
+    assert isinstance(mesh, Mesh)
+
+
+# Tables of paths
+
+
+@pytest.fixture
+def three_paths(tmp_path):
+    paths = []
+    for i in range(3):
+        write_mesh(make_sphere(n_subdivisions=1 + i), tmp_path / f"s{i}.off")
+        paths.append(str(tmp_path / f"s{i}.off"))
+    return paths
+
+
+TABLES = {
+    "data frame": lambda paths: pd.DataFrame({"path": paths}),
+    "data frame, other index": lambda paths: pd.DataFrame({"file": paths}, index=[7, 3, 5]),
+    "series": lambda paths: pd.Series(paths, index=[7, 3, 5]),
+    "index": pd.Index,
+    "texts": np.array,
+    "objects": lambda paths: np.array(paths, dtype=object),
+    "a column of texts": lambda paths: np.array(paths)[:, None],
+    "a column of paths": lambda paths: np.array([Path(path) for path in paths])[:, None],
+    "categories": lambda paths: pd.Series(pd.Categorical(paths)),
+}
+
+
+@pytest.mark.parametrize("table", TABLES)
+def test_a_table_of_one_column_holds_meshes(three_paths, table):
+    meshes = as_meshes(TABLES[table](three_paths))
+    assert [mesh.n_vertices for mesh in meshes] == [18, 66, 258]
+
+
+@pytest.mark.parametrize(
+    ("table", "said"),
+    [
+        (lambda paths: pd.DataFrame({"id": [1, 2, 3], "path": paths}), r"2 columns \('id', 'path'"),
+        (lambda paths: np.array([paths, paths]).T, r"table of 2 columns.*X\[:, 0\]"),
+        (lambda paths: pd.DataFrame(index=[0, 1]), "0 columns"),
+    ],
+)
+def test_a_table_of_several_columns_is_an_error_that_says_so(three_paths, table, said):
+    with pytest.raises(TypeError, match=said):
+        as_meshes(table(three_paths))
+
+
+# Folders
+
+
+def _fill(folder, n=3):
+    """Write spheres s0, s1, ... whose vertices correspond by number."""
+    ball = make_sphere(n_subdivisions=2)
+    for i in range(n):
+        write_mesh(Mesh(ball.vertices * [1, 1, 1 + i], ball.faces), folder / f"s{i}.off")
+    return ball
+
+
+MISSING = ["", "NA", "nan", "NaN", "#N/A", "# missing", "#missing", "  ", "-1", "?", "null"]
+
+
+@pytest.mark.parametrize("missing", MISSING)
+@pytest.mark.parametrize("line", [0, 1, 10, 58, 59])
+@pytest.mark.parametrize("kind", [".vts", ".template.txt", ".vertices.txt"])
+def test_a_line_without_a_number_keeps_the_place_of_all_others(tmp_path, kind, line, missing):
+    """Of 60 points, however it is said that one is unknown, 59 are where they were."""
+    if missing == "-1" and kind == ".vts":
+        return  # these count from 1, and -1 is refused
+    ball = _fill(tmp_path)
+    n = ball.n_vertices if kind == ".vertices.txt" else 60
+    rng = np.random.default_rng(line)
+    numbers = [rng.permutation(ball.n_vertices)[:n] for _ in range(3)]
+    for i in range(3):
+        rows = (numbers[i] + (kind == ".vts")).astype(str).astype(object)
+        if i == 1:
+            rows[line] = missing
+        (tmp_path / f"s{i}{kind}").write_text("\n".join(rows) + "\n")
+    read = load_collection(tmp_path).correspondences
+    for i in range(3):
+        kept = np.flatnonzero(np.arange(n) != (line if i == 1 else -1))
+        want = np.stack([numbers[i][kept], kept], axis=1)
+        want = want[:, ::-1] if kind == ".vertices.txt" else want
+        assert sorted(map(tuple, read[i].pairs.tolist())) == sorted(map(tuple, want.tolist()))
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("1\n# the nose\n3\n", r"line 2: the comment '# the nose' stands between numbers"),
+        ("# of cat\n\n3\n", r"line 2 is empty, right behind a comment"),
+        ("1\nnose\n3\n", r"line 2: 'nose' is not one whole number"),
+        ("1\n2 3\n4\n", r"line 2: '2 3' is not one whole number"),
+        ("NA\n\n", r"every point of it is missing"),
+    ],
+)
+def test_a_line_whose_meaning_cannot_be_told_is_named(tmp_path, text, said):
+    _fill(tmp_path, 1)
+    (tmp_path / "s0.template.txt").write_text(text)
+    with pytest.raises(CorrespondenceError, match=rf"s0\.template\.txt.*{said}"):
+        load_collection(tmp_path)
+
+
+def test_heads_and_comments_behind_numbers_are_no_points(tmp_path):
+    _fill(tmp_path, 1)
+    text = "# vertex of each point\n# by hand\n5 # nose\n# missing\n7,\n"
+    for encoding in ("utf-8", "utf-16", "latin-1"):
+        (tmp_path / "s0.template.txt").write_bytes(text.encode(encoding))
+        assert load_collection(tmp_path).correspondences[0].pairs.tolist() == [[5, 0], [7, 2]]
+
+
+def test_nan_in_an_array_is_a_missing_point(tmp_path):
+    _fill(tmp_path, 1)
+    np.save(tmp_path / "s0.template.npy", [3.0, np.nan, 5.0])
+    assert load_collection(tmp_path).correspondences[0].pairs.tolist() == [[3, 0], [5, 2]]
+
+
+@pytest.mark.parametrize("sentinel", [0, 65, 9999])
+@pytest.mark.parametrize("kind", [".template.txt", ".vertices.txt"])
+def test_a_number_that_stands_for_none_is_warned_of(tmp_path, kind, sentinel):
+    if kind == ".template.txt" and sentinel > 65:
+        return  # no such vertex: refused
+    _fill(tmp_path)
+    for i in range(3):
+        numbers = np.arange(66)
+        numbers[40 : 55 if i == 1 else 40] = sentinel
+        np.savetxt(tmp_path / f"s{i}{kind}", numbers, fmt="%d")
+    n = 15 + (sentinel < 66)
+    with pytest.warns(CoverageWarning, match=rf"'s1' \(.* {sentinel} stands for {n} of 66") as told:
+        load_collection(tmp_path)
+    assert "'s0'" not in str(told[0].message)
+
+
+@settings(max_examples=40, deadline=None)
+@given(n=st.integers(1, 400), coarse=st.integers(1, 400), seed=st.integers(0, 99))
+def test_templates_and_meshes_of_other_resolutions_are_not_warned_of(n, coarse, seed):
+    """Nearest points of one even sampling of a circle on another."""
+    start = np.random.default_rng(seed).random()
+    nearest = np.floor((np.arange(n) / n + start) % 1 * coarse).astype(int)
+    assert crowded_points(np.arange(n), nearest) == ""
+
+
+@pytest.mark.parametrize(
+    "change", ["rotated", "reordered", "three cut away", "turned", "diagonals"]
+)
+def test_meshes_numbered_alike_correspond_by_number_whatever_their_faces(tmp_path, change):
+    ball = make_sphere(n_subdivisions=2)
+    rng = np.random.default_rng(0)
+    faces = {
+        "rotated": np.roll(ball.faces, 1, axis=1),
+        "reordered": rng.permutation(ball.faces),
+        "three cut away": np.delete(ball.faces, [5, 40, 90], axis=0),
+        "turned": ball.faces[:, ::-1],
+        "diagonals": _other_diagonals(ball.faces),
+    }[change]
+    write_mesh(ball, tmp_path / "a.off")
+    write_mesh(Mesh(ball.vertices * [1, 1, 2], faces), tmp_path / "b.off")
+    data = load_collection(tmp_path)
+    assert "by number" in data.DESCR
+    assert data.correspondences[1].pairs.tolist() == [[i, i] for i in range(66)]
+
+
+def _other_diagonals(faces):
+    """Turn the edge between each of some pairs of neighbouring faces."""
+    faces, done = faces.copy(), set()
+    for i, one in enumerate(faces.tolist()):
+        for j in range(i + 1, len(faces)):
+            common = set(one) & set(faces[j].tolist())
+            if len(common) == 2 and not {i, j} & done:
+                (a,), (b,) = set(one) - common, set(faces[j].tolist()) - common
+                at = one.index(a)
+                p, q = one[(at + 1) % 3], one[(at + 2) % 3]
+                faces[i], faces[j] = (a, p, b), (a, b, q)
+                done |= {i, j}
+                break
+    return faces
+
+
+def test_by_number_can_be_asked_for(tmp_path):
+    ball = make_sphere(n_subdivisions=2)
+    order = np.random.default_rng(1).permutation(66)
+    write_mesh(ball, tmp_path / "a.off")
+    write_mesh(Mesh(ball.vertices[order], np.argsort(order)[ball.faces]), tmp_path / "b.off")
+    with pytest.raises(CorrespondenceError, match=r"'b' has other faces.*by_number=True"):
+        load_collection(tmp_path)
+    (tmp_path / "a.txt").write_text("0 0\n1 1\n")
+    data = load_collection(tmp_path, by_number=True)
+    assert data.correspondences[1].pairs.tolist() == [[i, i] for i in range(66)]
+    write_mesh(make_sphere(n_subdivisions=1), tmp_path / "c.off")
+    with pytest.raises(CorrespondenceError, match="'c' has 18 vertices, but 'a' has 66"):
+        load_collection(tmp_path, by_number=True)
+
+
+def test_formats_that_are_not_read_are_named(tmp_path):
+    _fill(tmp_path)
+    for name in ("s0.vtk", "t.msh", "lh.pial", "u.wrl", ".hidden.msh", "notes.txt", "s1.png"):
+        (tmp_path / name).write_bytes(b"")
+    with pytest.warns(SkippedShapeWarning) as told:
+        names = load_collection(tmp_path).names
+    assert names == ["s0", "s1", "s2"]
+    (message,) = [str(one.message) for one in told]
+    assert "lh.pial, t.msh, u.wrl are left out" in message
+    assert "MeshLab" in message
+    with pytest.raises(FileNotFoundError, match=r"no mesh 't'.*t\.msh.*meshio"):
+        load_collection(tmp_path, "t")
+    with pytest.raises(MeshError, match=r"'\.fbx'.*Blender saves it"):
+        read_mesh(tmp_path / "a.fbx")
+
+
+def test_the_command_line_names_them_too(tmp_path):
+    _fill(tmp_path, 1)
+    (tmp_path / "lh.pial").write_bytes(b"")
+    with pytest.warns(SkippedShapeWarning, match=r"lh\.pial"):
+        assert [path.name for path in mesh_files([tmp_path])] == ["s0.off"]
+
+
+# One reference in every fold
+
+
+def _skipped(name):
+    return SkippedShape(name, "It is broken.", 5)
+
+
+@pytest.mark.parametrize("cv", [2, 3, LeaveOneOut(), KFold(3, shuffle=True, random_state=1)])
+@pytest.mark.parametrize("skipped", [[], [4], [1, 6]])
+def test_every_sample_is_predicted_once_and_never_without_the_reference(cv, skipped):
+    X = [_skipped(f"s{i}") if i in skipped else f"s{i}" for i in range(8)]
+    splits = list(PinnedReference(cv, predict_all=True).split(X))
+    assert sorted(np.concatenate([test for _, test in splits])) == list(range(8))
+    plain = list(PinnedReference(cv).split(X))
+    for (train, test), (train_0, test_0) in zip(splits, plain, strict=True):
+        assert train.tolist() == train_0.tolist()
+        assert train[0] == 0
+        assert not set(train[1:]) & set(test)
+        assert set(test) - {0, *skipped} == set(test_0)
+
+
+def test_cross_val_predict_gives_maps_to_one_reference(make_learner, probed, collection):
+    X, y = probed, collection.truths
+    learner = make_learner(weighting=None)
+    maps = cross_val_predict(learner, X, y, cv=PinnedReference(2, predict_all=True))
+    for train, test in PinnedReference(2).split(X):
+        fitted = clone(learner).fit([X[i] for i in train], [y[i] for i in train])
+        assert fitted.reference_.name == X[0].name
+        np.testing.assert_allclose(maps[test], fitted.predict([X[i] for i in test]), atol=1e-12)
+
+
+def test_a_named_reference_that_a_fold_lacks_is_an_error(make_learner, probed, collection):
+    learner = make_learner(weighting=None, reference=probed[0].name)
+    with pytest.raises(ValueError, match="must name exactly one of the training shapes"):
+        cross_val_predict(learner, probed, collection.truths, cv=2)
+
+
+def test_a_data_frame_of_paths_is_split_by_its_rows():
+    X = pd.DataFrame({"path": [f"s{i}.off" for i in range(7)]})
+    assert len(list(PinnedReference(3).split(X))) == PinnedReference(3).get_n_splits(X) == 3
