@@ -31,9 +31,9 @@ UNREFINED, REFINED = "unrefined", "refined"
 _MAX_ITER, _TOL = 60, 1e-3
 
 # Built pairs are off as landmarks are that were left out of the building, and matches in part as
-# they are: so much of it is added, in squares. Expected errors of cats left out are 0.82 of the true
-# ones by edge paths (four cats, 50 landmarks), as from all pairs (0.83, ten cats); with all of it
-# 1.22 (ten cats, 13 landmarks).
+# they are: so much of it is added, in squares. Expected errors of cats left out are 0.82 of the
+# true ones by edge paths (four cats, 50 landmarks), as from all pairs (0.83, ten cats); with all of
+# it 1.22 (ten cats, 13 landmarks).
 _OWN_PART = 0.5
 
 
