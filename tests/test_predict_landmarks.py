@@ -174,6 +174,21 @@ def test_shapes_without_measured_points_are_learned_from_in_every_fold(learner, 
     assert used.tolist() == [0, 1, 2, 3]
 
 
+def test_landmarks_that_the_reference_lacks_are_put_without_leaving_shapes_out(
+    learner, probed, collection, measured, points_on_bodies
+):
+    points = points_on_bodies(BENDS[0]).copy()
+    points[3] = np.nan
+    first = Correspondence.from_points(points, collection.meshes[0], NAMES)
+    true, size = points_on_bodies(BENDS[5])[3], np.sqrt(probed[5].spectral.area)
+    for n_shapes, confidence in ((4, None), (2, "cross-fit")):
+        fitted = clone(learner).set_params(confidence=confidence)
+        fitted.fit(probed[:n_shapes], [first, *measured[1:n_shapes]])
+        marks = fitted.predict_landmarks(probed[5:])[0]
+        assert marks.names == NAMES
+        assert np.linalg.norm(marks.point("mark 3") - true) < 0.1 * size
+
+
 @pytest.mark.parametrize("confidence", [None, "cross-fit"])
 def test_matches_that_are_not_refined_put_landmarks_too(
     learner, probed, measured, points_on_bodies, confidence

@@ -122,8 +122,9 @@ class WeightedFunctionalMapLearner(CallbackSupportMixin, Versioned, BaseEstimato
         for each of three folds. None: not at all; a fit then takes a third of the time, with
         refinement a tenth, for
         searches that only compare scores. Matches have no ``expected_error`` and ``confidence``
-        (None) then, and nothing warns of contradicting correspondences. Of unfamiliar shapes
-        nothing warns but ``refine="register"``; without that ``familiar`` is None.
+        (None) then, landmarks no ``expected_error``, ``radius`` and learned offset, and nothing
+        warns of contradicting correspondences. Of unfamiliar shapes nothing warns but
+        ``refine="register"``; without that ``familiar`` is None.
     known_maps : {"auto", "pairs", "from-landmarks", "in-space"}, KnownMaps or None, default="auto"
         Where the known maps of training shapes come from. ``"pairs"``, or None: from the pairs as
         they are given, of which there must be at least ``n_functions``. ``"from-landmarks"``: for

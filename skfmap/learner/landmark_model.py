@@ -165,7 +165,8 @@ def learn_landmarks(
     matcher : Matcher
         What was learned from all of them.
     left_out : bool
-        Whether shapes are left out: without, there are neither offsets nor errors to expect.
+        Whether shapes are left out: without, as with a single shape, there are neither offsets nor
+        errors to expect.
 
     Returns
     -------
@@ -187,18 +188,20 @@ def learn_landmarks(
     measured_0 = _measured(truth_0, training.reference, numbers)
     n_folds = min(_FOLDS, len(used)) if left_out else 0
     if n_folds < 2:
-        return _known_on_reference(names, measured_0, spectral_0)
+        points_0 = _on_reference(training, matcher, measured_0, measured)
+        places, nothing = _places(points_0, spectral_0), LeftOut.nothing(len(names))
+        return LandmarkModel(names, places, np.zeros((len(names), 3)), nothing)
     folds = [np.array(used[f::n_folds]) for f in range(n_folds)]
     rows, n = np.concatenate(folds), len(names)
     groups = np.repeat(np.arange(n_folds), [len(fold) for fold in folds])
     right = np.stack([_right(training, i, numbers) for i in rows])
     images = _images(training, folds, matcher)
     back = _carried_back(measured_0, [measured[i] for i in rows], images, spectral_0)
-    back[~right] = np.nan
-    points_0 = _voted(measured_0, back)
+    trusted = np.where(right[:, :, None], back, np.nan)
+    points_0 = _voted(_voted(measured_0, trusted), back)  # of wrong ones where there are no others
     missed, turns = np.full((len(rows), n, 3), np.nan), np.empty((len(rows), n, 3, 3))
     for f in range(n_folds):
-        by_others = _voted(measured_0, back[groups != f])
+        by_others = _voted(measured_0, trusted[groups != f])
         told = np.asarray(np.isfinite(by_others).all(axis=1))  # others put it on the reference
         places = _places(np.where(told[:, None], by_others, points_0), spectral_0)
         for row in np.flatnonzero(groups == f):
@@ -224,15 +227,18 @@ def _called(truths: list[Correspondence]) -> dict[int, str]:
     return dict(sorted(called.items()))
 
 
-def _known_on_reference(
-    names: tuple[str, ...], measured_0: FloatArray, spectral_0: SpectralShape
-) -> LandmarkModel:
-    """Return the model of the reference's landmarks alone, of which nothing is calibrated."""
-    known = np.asarray(np.isfinite(measured_0).all(axis=1))
-    kept = tuple(name for name, yes in zip(names, known, strict=True) if yes)
-    n = len(kept)
-    places = _places(measured_0[known], spectral_0)
-    return LandmarkModel(kept, places, np.zeros((n, 3)), LeftOut.nothing(n))
+def _on_reference(
+    training: TrainingSet,
+    matcher: Matcher,
+    measured_0: FloatArray,
+    measured: dict[int, FloatArray],
+) -> FloatArray:
+    """Return the landmarks on the reference, where nothing is left out, by what was learned."""
+    lacks = ~np.isfinite(measured_0).all(axis=1)
+    asked = [i for i, at in measured.items() if np.isfinite(at[lacks]).any()]
+    images = [reference_on(matcher, training.shapes[i]) for i in asked]
+    at = [measured[i] for i in asked]
+    return _voted(measured_0, _carried_back(measured_0, at, images, training.reference.spectral))
 
 
 def _images(training: TrainingSet, folds: list[IntArray], matcher: Matcher) -> list[FloatArray]:
@@ -306,10 +312,10 @@ def _carried_back(
     return back
 
 
-def _voted(measured_0: FloatArray, back: FloatArray) -> FloatArray:
+def _voted(points_0: FloatArray, back: FloatArray) -> FloatArray:
     """Return landmarks on the reference; those that it lacks in the median, or NaN if none has."""
-    points = measured_0.copy()
-    seen = np.isfinite(back).all(axis=2).any(axis=0)
+    points = points_0.copy()
+    seen = np.isnan(points_0).any(axis=1) & np.isfinite(back).all(axis=2).any(axis=0)
     points[seen] = np.nanmedian(back[:, seen], axis=0)
     return points
 
