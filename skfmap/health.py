@@ -290,6 +290,13 @@ def _faults_of_surface(vertices: FloatArray, faces: IntArray) -> list[Fault]:
             "joined, and vertices at the same place merged.",
         ),
         *_fault(
+            "open seams",
+            "note",
+            np.full(int(tally.get("open seam edges", 0)), -1),
+            "edges of a rim that run along others, too far apart to be joined. If that is a seam, "
+            "functions jump across it, and matches are wrong there: weld it.",
+        ),
+        *_fault(
             "vertices at the same place as another",
             "note",
             used[duplicate_vertices(points)],
@@ -331,7 +338,7 @@ def _faults_of_precision(
     far = [
         axis
         for axis in np.flatnonzero((step >= _STEP_OF_EDGE * edge) & (edge > 0))
-        if (np.diff(values[axis]) >= step[axis] / 2).all() and (len(values[axis]) > 1 or area == 0)
+        if (np.diff(values[axis]) >= step[axis] / 2).all()
     ]
     if not far:
         return []
@@ -542,6 +549,10 @@ def _told(tally: dict[str, float]) -> list[str]:
         "merged vertices": "merged {:.0f} duplicate vertices",
         "touching vertices": "parted the surface at {:.0f} vertices where it touched itself",
         "twisted faces": "left out {:.0f} faces around which no winding is consistent",
+        "open seam edges": (
+            "found {:.0f} edges of a rim that run along others, too far apart to be joined (weld "
+            "them if that is a seam: functions jump there)"
+        ),
         "pieces": f"kept the largest of {{:.0f}} pieces, {1 - lost:.1%} of the area",
     }
     return [form.format(tally[what]) for what, form in words.items() if what in tally]

@@ -13,9 +13,9 @@ from hypothesis import strategies as st
 from sklearn.base import clone
 from sklearn.model_selection import KFold, LeaveOneOut, cross_val_predict
 
-from skfmap import Mesh, check_mesh
+from skfmap import Mesh, SpectralBasis, check_mesh, repair_mesh
 from skfmap.commands.inputs import mesh_files
-from skfmap.datasets import load_collection, make_sphere
+from skfmap.datasets import load_collection, make_creatures, make_sphere
 from skfmap.exceptions import (
     CorrespondenceError,
     CoverageWarning,
@@ -23,6 +23,7 @@ from skfmap.exceptions import (
     RepairWarning,
     SkippedShapeWarning,
 )
+from skfmap.functional import wrong_pairs
 from skfmap.geometry.polygons import triangulate
 from skfmap.io import as_meshes, read_arrays, read_mesh, write_mesh
 from skfmap.model_selection import PinnedReference
@@ -631,3 +632,95 @@ def test_a_named_reference_that_a_fold_lacks_is_an_error(make_learner, probed, c
 def test_a_data_frame_of_paths_is_split_by_its_rows():
     X = pd.DataFrame({"path": [f"s{i}.off" for i in range(7)]})
     assert len(list(PinnedReference(3).split(X))) == PinnedReference(3).get_n_splits(X) == 3
+
+
+# Seams
+
+
+def _split(mesh, share, away, rng):
+    """Give a part of the vertices between two halves a copy, some way from where they are."""
+    vertices, faces = mesh.vertices, mesh.faces.copy()
+    upper = vertices[faces].mean(axis=1)[:, 2] > 0.1
+    border = np.intersect1d(faces[upper], faces[~upper])
+    border = border[: int(share * len(border))]
+    number = np.arange(len(vertices))
+    number[border] = len(vertices) + np.arange(len(border))
+    faces[upper] = number[faces[upper]]
+    moved = vertices[border] + away * rng.uniform(-1, 1, (len(border), 3))
+    return np.concatenate([vertices, moved]), faces
+
+
+@pytest.mark.parametrize("share", [0.5, 1.0])
+@pytest.mark.parametrize("away", [0.0, 1e-6, 1e-5, 5e-5])
+def test_a_seam_is_closed_as_far_as_four_digits_tell(share, away):
+    ball = make_sphere(n_subdivisions=3)
+    vertices, faces = _split(ball, share, away, np.random.default_rng(0))
+    repair = repair_mesh((vertices, faces))
+    np.testing.assert_array_equal(repair.mesh.faces, ball.faces)
+    assert (repair.vertex_map >= 0).all()
+
+
+@pytest.mark.parametrize("away", [2e-3, 1e-2])
+def test_a_seam_that_stays_open_is_told_at_the_basis(away):
+    vertices, faces = _split(make_sphere(n_subdivisions=3), 1.0, away, np.random.default_rng(0))
+    assert "open seams" in [fault.kind for fault in check_mesh((vertices, faces)).faults]
+    with pytest.warns(RepairWarning, match=r"edges of a rim that run along others.*weld"):
+        SpectralBasis(5).transform([(vertices, faces)])
+
+
+def test_the_rim_of_a_plain_opening_is_no_seam():
+    ball = make_sphere(n_subdivisions=3)
+    open_ball = (ball.vertices, ball.faces[ball.vertices[ball.faces].mean(axis=1)[:, 2] < 0.3])
+    assert repair_mesh(open_ball).tally == {}
+
+
+# Coordinates of surveyors
+
+
+@pytest.mark.parametrize("northing", [5.5e6, 3.3e7])
+@pytest.mark.parametrize("axes", [[1], [0, 1]])
+def test_single_precision_far_away_is_called_by_its_name(northing, axes):
+    ball = make_sphere(n_subdivisions=3)
+    far = ball.vertices.copy()
+    far[:, axes] += northing
+    merged = far.astype(np.float32).astype(np.float64)
+    said = str(check_mesh((merged, ball.faces)))
+    assert "so far from the origin that single precision has merged" in said
+    with pytest.raises(MeshError, match="subtract an offset before saving"):
+        SpectralBasis(5).transform([(merged, ball.faces)])
+    assert "fatal" not in str(check_mesh((far, ball.faces)))
+
+
+# Right pairs that are called wrong
+
+
+@pytest.fixture(scope="module")
+def eigenfunctions():
+    """Return eigenfunctions of creatures at template points that all have, one array each."""
+    creatures = make_creatures(n_shapes=4, n_vertices=600)
+    shapes = SpectralBasis(25).transform(creatures.meshes)
+    by_point = [dict(truth.pairs[:, ::-1].tolist()) for truth in creatures.correspondences]
+    common = sorted(set.intersection(*map(set, by_point)))
+    return [
+        shape.evecs[[vertex[point] for point in common]] * np.sqrt(shape.mass.sum())
+        for shape, vertex in zip(shapes, by_point, strict=True)
+    ]
+
+
+@pytest.mark.parametrize("n", [50, 59, 60, 100, 200])
+def test_right_pairs_are_kept_and_wrong_ones_found(eigenfunctions, n):
+    """Of right pairs at most 1 % are dropped, whatever their areas; of exchanged ones most are."""
+    first, *others = eigenfunctions
+    rng = np.random.default_rng(n)
+    dropped, found = [], []
+    for evecs in others:
+        for _ in range(4):
+            at = rng.choice(len(first), n, replace=False)
+            areas = rng.gamma(1.0, size=n)
+            dropped.append(wrong_pairs(evecs[at], first[at], areas).mean())
+            bad = rng.choice(n, n // 10, replace=False)
+            images = first[at].copy()
+            images[bad] = np.roll(images[bad], 1, axis=0)
+            found.append(wrong_pairs(evecs[at], images, areas)[bad].mean())
+    assert np.mean(dropped) <= 0.01
+    assert np.mean(found) > 0.75

@@ -28,10 +28,13 @@ from skfmap.geometry.orientation import against_the_rest
 __all__ = ["Mended", "mend"]
 
 # Vertices of a crack are one if they are no farther from each other than this share of the extent:
-# what six digits in a file, or a rotation in single precision, leave of equal coordinates ...
-_CRACK = 1e-5
+# what four digits in a file leave of equal coordinates ...
+_CRACK = 1e-4
 # ... and than this share of the edges there, so that small triangles are never merged.
 _CRACK_OF_EDGE = 1e-2
+# Edges of a rim that are joined no more, but whose ends are that near to those of another one, as a
+# share of the edges there, and so many of them, are a seam that is still open.
+_OPEN_OF_EDGE, _OPEN_SEAM = 0.2, 4
 # A face without area is a needle, whose two vertices are merged, where its shortest edge is no
 # longer than this share of its longest; else a cap, whose longest edge is flipped.
 _NEEDLE = 1e-6
@@ -140,6 +143,7 @@ def mend(vertices: FloatArray, faces: IntArray) -> Mended:
             break
     lost = np.ones(n_given + 1, dtype=bool)
     lost[surface.origin.ravel()] = False
+    _count_open_seams(surface, edges, tally)
     whole, surface = surface, _largest_piece(surface, tally)
     used = np.zeros(len(surface.vertices), dtype=bool)
     used[surface.faces.ravel()] = True
@@ -327,10 +331,31 @@ def _patches(surface: _Surface, edges: HalfEdges) -> tuple[IntArray, BoolArray]:
     return patch, (small & with_rim)[patch]
 
 
+def _count_open_seams(surface: _Surface, edges: HalfEdges, tally: dict[str, float]) -> None:
+    """Count edges of the rim that run along another one, without being joined to it."""
+    rim = edges.alone()
+    if len(rim) == 0:
+        return
+    place = np.arange(len(surface.vertices))
+    ends = np.unique(np.concatenate([edges.start[rim], edges.end[rim]]))
+    place[ends] = _one_place(surface, edges, rim, ends, np.inf, _OPEN_OF_EDGE)
+    half, _ = _at_one_place(edges, rim, place)
+    if len(half) >= 2 * _OPEN_SEAM:
+        _count(tally, "open seam edges", len(half) // 2)
+
+
 def _one_place(
-    surface: _Surface, edges: HalfEdges, rim: IntArray, ends: IntArray, near: float
+    surface: _Surface,
+    edges: HalfEdges,
+    rim: IntArray,
+    ends: IntArray,
+    near: float,
+    near_of_edge: float = _CRACK_OF_EDGE,
 ) -> IntArray:
-    """Return for each end of a rim the first one that lies where it does, or that near."""
+    """Return for each end of a rim the first one that lies where it does, or that near.
+
+    Nearness is a distance, and a share of the longest edges of the rim there.
+    """
     points = surface.vertices[ends]
     place = first_at_place(points)
     if near == 0:
@@ -344,9 +369,10 @@ def _one_place(
     longest = np.zeros(len(ends))
     np.maximum.at(longest, number[edges.start[rim]], lengths)
     np.maximum.at(longest, number[edges.end[rim]], lengths)
+    near = min(near, near_of_edge * float(lengths.max(initial=0)))
     pairs = first[cKDTree(points[first]).query_pairs(near, output_type="ndarray")]
     distance = np.linalg.norm(points[pairs[:, 0]] - points[pairs[:, 1]], axis=1)
-    pairs = pairs[distance <= _CRACK_OF_EDGE * longest[pairs].min(axis=1)]
+    pairs = pairs[distance <= near_of_edge * longest[pairs].min(axis=1)]
     label = components(np.concatenate([pairs, pairs[:, 1:]], axis=1), len(ends))[place]
     _, first, number = np.unique(label, return_index=True, return_inverse=True)
     return ends[first[number.ravel()]]
