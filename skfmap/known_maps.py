@@ -334,12 +334,15 @@ def kind_of(given: GivenPairs, enough: float = _ENOUGH) -> str:
 
 
 def _are_stiff(given: GivenPairs) -> bool:
+    # Of mirrored specimens, or where the reference is one, a reflection leaves as little.
     left = [
-        left_by_similarities(
-            shape.spectral.vertices_at(join.vertices_i, join.places_i),
-            given.reference.spectral.vertices_at(join.vertices_0, join.places_0),
-            join.weights,
-        )[0]
+        min(
+            left_by_similarities(
+                shape.spectral.vertices_at(join.vertices_i, join.places_i),
+                given.reference.spectral.vertices_at(join.vertices_0, join.places_0),
+                join.weights,
+            )
+        )
         for shape, join in zip(given.shapes, given.joins, strict=True)
         if distinct_landmarks(join) >= TELLING
     ]
