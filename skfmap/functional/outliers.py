@@ -12,8 +12,8 @@ __all__ = ["wrong_pairs"]
 # pairs; where three tenths are wrong 86, 42, 1 and 0 %: the more functions, the better a wrong
 # map fits.
 _N_FUNCTIONS = 20
-# Pairs per function at least: fewer pairs are fitted by fewer functions, but by eight at least. Of 50
-# right pairs on creatures five functions take 11 to 16 % for wrong, seven or more none; with a
+# Pairs per function at least: fewer pairs are fitted by fewer functions, but by eight at least. Of
+# 50 right pairs on creatures five functions take 11 to 16 % for wrong, seven or more none; with a
 # tenth exchanged, eight find 88 %.
 _PAIRS_PER_FUNCTION, _FEWEST_FUNCTIONS = 10, 8
 # Residual, in medians, beyond which a pair is left out: 3, 4, 5 and 6 find 96, 93, 84 and 54 % of
