@@ -143,8 +143,8 @@ class KnownMapsRecord(NamedTuple):
     Attributes
     ----------
     kinds : list of str
-        For each shape given to `fit`: ``"pairs"``, ``"from-landmarks"``, or ``""`` for the
-        reference and shapes that were left out.
+        For each shape given to `fit`: ``"pairs"``, ``"from-landmarks"`` or ``"in-space"``, or
+        ``""`` for the reference and shapes that were left out.
     n_landmarks, n_pairs : ndarray of int, shape (n_shapes,)
         Distinct landmarks that each shares with the reference, and pairs that its known map is made
         of.
@@ -334,12 +334,15 @@ def kind_of(given: GivenPairs, enough: float = _ENOUGH) -> str:
 
 
 def _are_stiff(given: GivenPairs) -> bool:
+    # Of mirrored specimens, or where the reference is one, a reflection leaves as little.
     left = [
-        left_by_similarities(
-            shape.spectral.vertices_at(join.vertices_i, join.places_i),
-            given.reference.spectral.vertices_at(join.vertices_0, join.places_0),
-            join.weights,
-        )[0]
+        min(
+            left_by_similarities(
+                shape.spectral.vertices_at(join.vertices_i, join.places_i),
+                given.reference.spectral.vertices_at(join.vertices_0, join.places_0),
+                join.weights,
+            )
+        )
         for shape, join in zip(given.shapes, given.joins, strict=True)
         if distinct_landmarks(join) >= TELLING
     ]
@@ -501,7 +504,13 @@ def _laid(part: InSpace, given: GivenPairs, i: int) -> BuiltMap:
         points, vertices, faces = points * MIRROR, vertices * MIRROR, faces[:, ::-1]
     task = _InSpace(spectral_0, vertices, faces, places_0, points)
     key = hash_of_arrays(
-        spectral_0.vertices, spectral_0.mesh.faces, vertices, faces, places_0.toarray(), points
+        spectral_0.vertices,
+        spectral_0.mesh.faces,
+        spectral_0.mass,
+        vertices,
+        faces,
+        places_0.toarray(),
+        points,
     )
     built = cached(_built_in_space, given.memory)(task, key)
     apart = np.linalg.norm(at_0[:, None] - spectral_0.vertices[built.put][None], axis=2)

@@ -4,7 +4,13 @@ import numpy as np
 
 from skfmap._tools.types import FloatArray
 
-__all__ = ["least_calibrating", "pooled_quantile", "shrunk_mean", "shrunk_scales"]
+__all__ = [
+    "least_calibrating",
+    "pooled_quantile",
+    "scales_of_others",
+    "shrunk_mean",
+    "shrunk_scales",
+]
 
 # Specimens, beside those there are, to which nothing is lacking. With two references among twenty
 # mandibles errors are 0.181 and 0.191 mm from nine left out, with 2 of these or none, and 0.192 and
@@ -67,6 +73,34 @@ def shrunk_scales(distances: FloatArray) -> FloatArray:
     return np.asarray(np.maximum(scales, np.finfo(np.float64).tiny))
 
 
+def scales_of_others(distances: FloatArray) -> FloatArray:
+    """Return, for each specimen, the `shrunk_scales` of the others.
+
+    Measured by scales that its own distances enter, a specimen looks nearer than one to come: balls
+    that are to hold 0.9 hold 0.88 where they are told by nine specimens of 13 or 51 landmarks, and
+    0.90 to 0.91 with the scales of the others.
+
+    Parameters
+    ----------
+    distances : ndarray of shape (n_specimens, n_landmarks)
+        NaN where a specimen lacks a landmark; two specimens at least have one.
+
+    Returns
+    -------
+    ndarray of shape (n_specimens, n_landmarks)
+        Positive.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from skfmap.functional.left_out import scales_of_others
+    >>> scales_of_others(np.array([[1.0], [3.0], [5.0]])).tolist()
+    [[4.0], [3.0], [2.0]]
+    """
+    rows = range(len(distances))
+    return np.stack([shrunk_scales(np.delete(distances, row, axis=0)) for row in rows])
+
+
 def pooled_quantile(distances: FloatArray, scales: FloatArray, coverage: float) -> float:
     """Return by how much scales are to be multiplied to hold as many distances as wished.
 
@@ -77,7 +111,7 @@ def pooled_quantile(distances: FloatArray, scales: FloatArray, coverage: float) 
     ----------
     distances : ndarray of shape (n_specimens, n_landmarks)
         NaN where a specimen lacks a landmark.
-    scales : ndarray of shape (n_landmarks,)
+    scales : ndarray of shape (n_landmarks,) or (n_specimens, n_landmarks)
         Positive.
     coverage : float
         Between 0 and 1.

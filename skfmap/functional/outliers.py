@@ -12,9 +12,9 @@ __all__ = ["wrong_pairs"]
 # pairs; where three tenths are wrong 86, 42, 1 and 0 %: the more functions, the better a wrong
 # map fits.
 _N_FUNCTIONS = 20
-# Pairs per function at least: fewer pairs are fitted by fewer functions, but by eight at least.
-# Of 50 right pairs on creatures five functions take 11 to 16 % for wrong, seven or more none; with
-# a tenth exchanged, eight find 88 %.
+# Pairs per function at least: fewer pairs are fitted by fewer functions, but by eight at least. Of
+# 50 right pairs on creatures five functions take 11 to 16 % for wrong, seven or more none; with a
+# tenth exchanged, eight find 88 %.
 _PAIRS_PER_FUNCTION, _FEWEST_FUNCTIONS = 10, 8
 # Residual, in medians, beyond which a pair is left out: 3, 4, 5 and 6 find 96, 93, 84 and 54 % of
 # the wrong pairs, and take 1.6, 0.24, 0.08 and 0.02 % of the right ones for wrong.
@@ -64,7 +64,7 @@ def wrong_pairs(evecs_i: FloatArray, evecs_0: FloatArray, areas: FloatArray) -> 
     k = max(len(evecs_i) // _PAIRS_PER_FUNCTION, _FEWEST_FUNCTIONS)
     k = min(_N_FUNCTIONS, evecs_i.shape[1], k)
     wrong = np.zeros(len(evecs_i), dtype=bool)
-    if len(evecs_i) < _FEWEST:
+    if (areas > 0).sum() < _FEWEST:
         return wrong
     for _ in range(_N_ROUNDS):
         right = ~wrong & (areas > 0)

@@ -122,8 +122,9 @@ class WeightedFunctionalMapLearner(CallbackSupportMixin, Versioned, BaseEstimato
         for each of three folds. None: not at all; a fit then takes a third of the time, with
         refinement a tenth, for
         searches that only compare scores. Matches have no ``expected_error`` and ``confidence``
-        (None) then, and nothing warns of contradicting correspondences. Of unfamiliar shapes
-        nothing warns but ``refine="register"``; without that ``familiar`` is None.
+        (None) then, landmarks no ``expected_error``, ``radius`` and learned offset, and nothing
+        warns of contradicting correspondences. Of unfamiliar shapes nothing warns but
+        ``refine="register"``; without that ``familiar`` is None.
     known_maps : {"auto", "pairs", "from-landmarks", "in-space"}, KnownMaps or None, default="auto"
         Where the known maps of training shapes come from. ``"pairs"``, or None: from the pairs as
         they are given, of which there must be at least ``n_functions``. ``"from-landmarks"``: for
@@ -602,7 +603,9 @@ class WeightedFunctionalMapLearner(CallbackSupportMixin, Versioned, BaseEstimato
         the learning and of the mean that answers are moved by, pooled over landmarks. Radii hold
         what they promise in the mean over shapes and landmarks like these, as far as models learned
         from somewhat fewer shapes err as this one does (which cross-validation takes for granted);
-        not for each landmark, and for this observer's points only.
+        not for each landmark, and for this observer's points only. Where some shapes are much
+        harder than others, and few were left out, radii can hold a few in a hundred less. Training
+        shapes of any weight above 0 count alike.
         """
         usable = self._usable(X)
         if check_number(coverage, "coverage", low=0, strict=True) >= 1:

@@ -11,6 +11,7 @@ from skfmap._tools.types import BoolArray, FloatArray, IntArray, SparseMatrix
 from skfmap.functional.left_out import (
     least_calibrating,
     pooled_quantile,
+    scales_of_others,
     shrunk_mean,
     shrunk_scales,
 )
@@ -54,10 +55,10 @@ class LeftOut(NamedTuple):
     @classmethod
     def nothing(cls, n_landmarks: int) -> Self:
         """Return that of no shape."""
-        none = np.empty(0, dtype=np.int64)
-        return cls(
-            none, none, np.empty((0, n_landmarks, 3)), np.empty((0, n_landmarks), dtype=bool)
-        )
+        # Each an array of its own: one array in two places is not read from a file again.
+        indices, groups = (np.empty(0, dtype=np.int64) for _ in range(2))
+        right = np.empty((0, n_landmarks), dtype=bool)
+        return cls(indices, groups, np.empty((0, n_landmarks, 3)), right)
 
     @property
     def distances(self) -> FloatArray:
@@ -130,10 +131,12 @@ class LandmarkModel:
         None if too few shapes were left out to promise that. ``but`` is a group that is not asked.
         """
         distances = self._distances(but)
-        if np.isfinite(distances).any(axis=1).sum() < least_calibrating(coverage):
+        n_told = np.isfinite(distances).any(axis=1).sum()
+        if n_told < max(2, least_calibrating(coverage)):
             return None
-        scales = shrunk_scales(distances)
-        return pooled_quantile(distances, scales, coverage) * scales
+        # As that of a new shape, the distances of each are measured by what others say.
+        scales = scales_of_others(distances)
+        return pooled_quantile(distances, scales, coverage) * shrunk_scales(distances)
 
     def _distances(self, but: int | None) -> FloatArray:
         left = self.left_out
@@ -165,7 +168,8 @@ def learn_landmarks(
     matcher : Matcher
         What was learned from all of them.
     left_out : bool
-        Whether shapes are left out: without, there are neither offsets nor errors to expect.
+        Whether shapes are left out: without, as with a single shape, there are neither offsets nor
+        errors to expect.
 
     Returns
     -------
@@ -187,18 +191,20 @@ def learn_landmarks(
     measured_0 = _measured(truth_0, training.reference, numbers)
     n_folds = min(_FOLDS, len(used)) if left_out else 0
     if n_folds < 2:
-        return _known_on_reference(names, measured_0, spectral_0)
+        points_0 = _on_reference(training, matcher, measured_0, measured)
+        places, nothing = _places(points_0, spectral_0), LeftOut.nothing(len(names))
+        return LandmarkModel(names, places, np.zeros((len(names), 3)), nothing)
     folds = [np.array(used[f::n_folds]) for f in range(n_folds)]
     rows, n = np.concatenate(folds), len(names)
     groups = np.repeat(np.arange(n_folds), [len(fold) for fold in folds])
     right = np.stack([_right(training, i, numbers) for i in rows])
     images = _images(training, folds, matcher)
     back = _carried_back(measured_0, [measured[i] for i in rows], images, spectral_0)
-    back[~right] = np.nan
-    points_0 = _voted(measured_0, back)
+    trusted = np.where(right[:, :, None], back, np.nan)
+    points_0 = _voted(_voted(measured_0, trusted), back)  # of wrong ones where there are no others
     missed, turns = np.full((len(rows), n, 3), np.nan), np.empty((len(rows), n, 3, 3))
     for f in range(n_folds):
-        by_others = _voted(measured_0, back[groups != f])
+        by_others = _voted(measured_0, trusted[groups != f])
         told = np.asarray(np.isfinite(by_others).all(axis=1))  # others put it on the reference
         places = _places(np.where(told[:, None], by_others, points_0), spectral_0)
         for row in np.flatnonzero(groups == f):
@@ -224,15 +230,18 @@ def _called(truths: list[Correspondence]) -> dict[int, str]:
     return dict(sorted(called.items()))
 
 
-def _known_on_reference(
-    names: tuple[str, ...], measured_0: FloatArray, spectral_0: SpectralShape
-) -> LandmarkModel:
-    """Return the model of the reference's landmarks alone, of which nothing is calibrated."""
-    known = np.asarray(np.isfinite(measured_0).all(axis=1))
-    kept = tuple(name for name, yes in zip(names, known, strict=True) if yes)
-    n = len(kept)
-    places = _places(measured_0[known], spectral_0)
-    return LandmarkModel(kept, places, np.zeros((n, 3)), LeftOut.nothing(n))
+def _on_reference(
+    training: TrainingSet,
+    matcher: Matcher,
+    measured_0: FloatArray,
+    measured: dict[int, FloatArray],
+) -> FloatArray:
+    """Return the landmarks on the reference, where nothing is left out, by what was learned."""
+    lacks = ~np.isfinite(measured_0).all(axis=1)
+    asked = [i for i, at in measured.items() if np.isfinite(at[lacks]).any()]
+    images = [reference_on(matcher, training.shapes[i]) for i in asked]
+    at = [measured[i] for i in asked]
+    return _voted(measured_0, _carried_back(measured_0, at, images, training.reference.spectral))
 
 
 def _images(training: TrainingSet, folds: list[IntArray], matcher: Matcher) -> list[FloatArray]:
@@ -306,10 +315,10 @@ def _carried_back(
     return back
 
 
-def _voted(measured_0: FloatArray, back: FloatArray) -> FloatArray:
+def _voted(points_0: FloatArray, back: FloatArray) -> FloatArray:
     """Return landmarks on the reference; those that it lacks in the median, or NaN if none has."""
-    points = measured_0.copy()
-    seen = np.isfinite(back).all(axis=2).any(axis=0)
+    points = points_0.copy()
+    seen = np.isnan(points_0).any(axis=1) & np.isfinite(back).all(axis=2).any(axis=0)
     points[seen] = np.nanmedian(back[:, seen], axis=0)
     return points
 

@@ -420,6 +420,7 @@ def _lay_by_pairs(spectral_0: SpectralShape, sample: _Sample) -> FloatArray:
     key = hash_of_arrays(
         spectral_0.vertices,
         spectral_0.mesh.faces,
+        spectral_0.mass,
         pairs.places.indices,
         pairs.places.data,
         pairs.points,
