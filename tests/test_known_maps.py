@@ -328,7 +328,10 @@ def test_a_fit_says_what_it_did(creatures, few, capsys):
 @pytest.mark.parametrize(
     ("parameter", "message"),
     [
-        ("landmarks", "known_maps must be one of 'auto', 'from-landmarks', 'pairs', None, or"),
+        (
+            "landmarks",
+            "known_maps must be one of 'auto', 'from-landmarks', 'in-space', 'pairs', None, or",
+        ),
         (FromLandmarks, r"Did you mean FromLandmarks\(\)\?"),
         (FromLandmarks(n_samples=10), "n_samples"),
         (FromLandmarks(final_steps=0), "final_steps"),

@@ -565,7 +565,7 @@ def test_places_of_a_thinned_mesh_are_means_over_the_places_of_their_corners(col
 
 
 def test_a_registration_is_drawn_to_places(collection, probed, named):
-    """From the landmarks on the reference to those on the shape, not to vertices beside them."""
+    """From places on the reference to points as measured, not to vertices beside them."""
     learner = skfmap.WeightedFunctionalMapLearner(n_functions=15, confidence=None, refine=None)
     learner.fit(probed[:3], named[:3])
     training = TrainingSet.from_samples(probed[:3], named[:3], n_functions=15)
@@ -573,6 +573,7 @@ def test_a_registration_is_drawn_to_places(collection, probed, named):
     for which, found in ((1, drawn.points), (0, drawn.places @ probed[0].spectral.vertices)):
         truth, mesh = named[which].number_by(named[0].names), collection.meshes[which]
         order = np.argsort(truth.pairs[:, 1])
-        expected = positions(truth, mesh.vertices)[order] / np.sqrt(mesh.area)
+        at = truth.coordinates if which else positions(truth, mesh.vertices)
+        expected = at[order] / np.sqrt(mesh.area)
         joined = training.joins[0].points
         np.testing.assert_allclose(found, expected[joined], atol=1e-9)

@@ -51,8 +51,8 @@ class LeftOut(NamedTuple):
     @classmethod
     def nothing(cls, n_landmarks: int) -> Self:
         """Return that of no shape."""
-        none = np.empty(0, dtype=np.int64)
-        return cls(none, none, np.empty((0, n_landmarks, 3)))
+        indices, groups = np.empty((2, 0), dtype=np.int64)  # two: saved models share no arrays
+        return cls(indices, groups, np.empty((0, n_landmarks, 3)))
 
     @property
     def distances(self) -> FloatArray:
@@ -166,10 +166,10 @@ def learn_landmarks(
     LandmarkModel or None
         None if the reference has no measured points.
     """
-    marks_0 = training.truth_0.landmarks
+    marks_0 = training.landmarks_0()
     if marks_0 is None:
         return None
-    marks = {int(i): training.truths[i].landmarks for i in training.used}
+    marks = {int(i): training.landmarks(i) for i in training.used}
     own = {i: one for i, one in marks.items() if one is not None}
     used = list(own)
     names = tuple(dict.fromkeys(chain(marks_0.names, *(one.names for one in own.values()))))

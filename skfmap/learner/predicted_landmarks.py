@@ -82,7 +82,8 @@ class LandmarkPredictor:
         before, after = matcher.match_points(shape, solution.C)
         fits = True
         if self.confidence is not None:
+            refined = matcher.refinement is not None
             fits = self.confidence.assess(
-                matcher, shape, solution, before, after, refined=True
+                matcher, shape, solution, before, after, refined=refined
             ).familiar
         return np.asarray(spectral.vertices[after.inverse]), fits

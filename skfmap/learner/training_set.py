@@ -7,7 +7,7 @@ from typing import Any, NamedTuple, Self, TypeAlias
 import numpy as np
 
 from skfmap._tools.caching import MemoryLike
-from skfmap._tools.types import FloatArray, IntArray
+from skfmap._tools.types import BoolArray, FloatArray, IntArray
 from skfmap._tools.validation import check_sample_weight
 from skfmap.exceptions import CorrespondenceError, MeshError
 from skfmap.functional.learning import LearnedMaps, learn_functional_maps
@@ -22,13 +22,15 @@ from skfmap.known_maps import (
     KnownMaps,
     KnownMapsRecord,
     PairsAsGiven,
+    is_on_most,
     record_of,
     told_of,
 )
 from skfmap.learner.inputs import check_correspondences, check_shapes
 from skfmap.learner.medoid import medoid_index
 from skfmap.learner.mirrored import is_mirror_image, mirror_image
-from skfmap.shapes import Correspondence, JoinedPairs, ProbedShape, SkippedShape
+from skfmap.learner.spelling import spelling_message
+from skfmap.shapes import Correspondence, JoinedPairs, Landmarks, ProbedShape, SkippedShape
 from skfmap.shapes.usable import Answer, ProbedItem, describe, skipped_message
 
 __all__ = ["FitRecord", "LearningOptions", "Observed", "TrainingSet"]
@@ -126,6 +128,8 @@ class TrainingSet:
         that was built from them. Areas are of the pairs that were given.
     observed : list of Observed
         The pairs that each map was made of.
+    wrong : list of ndarray of bool
+        Of the pairs that were given, those that were left out as exchanged or out of place.
     share : ndarray of shape (n_shapes,)
         Share of each shape in equation (3).
     k : int
@@ -153,6 +157,7 @@ class TrainingSet:
     joins: list[JoinedPairs]
     known: list[KnownMap]
     observed: list[Observed]
+    wrong: list[BoolArray]
     share: FloatArray
     k: int
     options: LearningOptions
@@ -224,6 +229,7 @@ class TrainingSet:
         ]
         known = [_of_given(*parts) for parts in zip(made, built, shapes, joins, strict=True)]
         called = [describe(i, given[i]) for i in rest]
+        order, named = [index, *rest], [truth_0, *truths]
         if on_mirrored == "reflect":  # known maps are those of the images too
             shapes = [
                 mirror_image(shape) if is_mirror_image(shape, shape_0, join, one) else shape
@@ -239,6 +245,7 @@ class TrainingSet:
             joins=joins,
             known=known,
             observed=observed,
+            wrong=[one.wrong for one in built],
             share=share[rest],
             k=n_functions,
             options=(options or LearningOptions()).resolved(shape_0),
@@ -247,7 +254,10 @@ class TrainingSet:
             memory=memory,
             n_jobs=n_jobs,
             how=record_of(built, joins, rest, len(given)),
-            told=told_of(pairs, built, called, truth_0.names),
+            told=[
+                *told_of(pairs, built, called, truth_0.names),
+                *filter(None, [spelling_message(named, [describe(i, given[i]) for i in order])]),
+            ],
         )
 
     def __repr__(self) -> str:
@@ -291,11 +301,28 @@ class TrainingSet:
         measured = truth.coordinates[rows] / np.sqrt(shape.area)
         return measured * MIRROR if self.shapes[i].reflected else measured
 
+    def landmarks(self, i: int) -> Landmarks | None:
+        """Return the points of the i-th shape as they were measured, those left out missing."""
+        wrong = np.setdiff1d(self.joins[i].points[self.wrong[i]], self._doubted_on_reference())
+        return _without(self.truths[i], wrong)
+
+    def landmarks_0(self) -> Landmarks | None:
+        """Return the points of the reference as they were measured, those left out missing."""
+        return _without(self.truth_0, self._doubted_on_reference())
+
+    def _doubted_on_reference(self) -> IntArray:
+        """Return the points that were left out of most shapes: where the reference has the slip."""
+        points, at = np.unique(
+            np.concatenate([join.points for join in self.joins]), return_inverse=True
+        )
+        n_wrong = np.bincount(at, np.concatenate(self.wrong))
+        return np.asarray(points[is_on_most(n_wrong, np.bincount(at))])
+
     def only(self, rows: IntArray) -> Self:
         """Return the training set of some of the shapes, and the reference."""
         parts: dict[str, Any] = {
             name: [getattr(self, name)[i] for i in rows]
-            for name in ("shapes", "truths", "joins", "known", "observed")
+            for name in ("shapes", "truths", "joins", "known", "observed", "wrong")
         }
         return replace(self, **parts, indices=self.indices[rows], share=self.share[rows])
 
@@ -355,6 +382,15 @@ class TrainingSet:
             n_threads=n_threads,
             callback=callback,
         )
+
+
+def _without(truth: Correspondence, points: IntArray) -> Landmarks | None:
+    """Return measured points, those of some template points missing."""
+    marks = truth.landmarks
+    if marks is None:
+        return None
+    out = np.isin(truth.pairs[:, 1], points)
+    return Landmarks(np.where(out[:, None], np.nan, marks.points), marks.names)
 
 
 def _with_given_mesh(shape: ProbedShape) -> ProbedShape:

@@ -382,7 +382,7 @@ def _sample(matcher: Any, training: Any, i: int, pose: str) -> _Sample:
     shape, known = training.shapes[i], training.known[i]
     spectral_0 = training.reference.spectral
     # Where shapes are stiff there are few pairs, and none of them are wrong because of bending.
-    right = np.ones(len(known.areas), bool) if pose == "similarity" else known.areas > 0
+    right = ~training.wrong[i] if pose == "similarity" else known.areas > 0
     draw = min(_FEW_PAIRS * right.sum(), spectral_0.mesh.n_vertices)
     join = training.joins[i].take(right)
     pairs = Anchors(
