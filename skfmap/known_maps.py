@@ -5,9 +5,10 @@ pairs that its known map is made of.
 """
 
 from abc import ABC, abstractmethod
+from collections import Counter
 from collections.abc import Sequence
 from itertools import combinations
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -37,6 +38,7 @@ __all__ = [
     "KnownMaps",
     "KnownMapsRecord",
     "PairsAsGiven",
+    "is_on_most",
     "kind_of",
     "record_of",
     "told_of",
@@ -406,35 +408,53 @@ def told_of(
 _Parts = Sequence[tuple[str, JoinedPairs, BuiltMap]]
 
 
+def is_on_most(n_wrong: Any, n_given: Any) -> Any:
+    """Return whether a slip is on so many shapes that it must be the reference's."""
+    return (n_wrong > 1) & (2 * n_wrong > n_given)
+
+
 def _exchanged_message(parts: _Parts, names: Sequence[str] | None) -> str:
-    told = [
-        f"{_called(a, names)} and {_called(b, names)} of {who}"
-        for who, _, one in parts
-        for a, b in one.exchanged
-    ]
+    told = _of_whom(
+        [
+            (f"{_called(a, names)} and {_called(b, names)}", who, "")
+            for who, _, one in parts
+            for a, b in one.exchanged
+        ],
+        len(parts),
+    )
     return (
         f"These landmarks seem to be exchanged, as the others put each at the other's place: "
-        f"{', '.join(told)}. They were left out; exchange them back, or check the specimen."
+        f"{told}. They were left out; exchange them back, or check the specimen."
         if told
         else ""
     )
 
 
 def _out_of_place_message(parts: _Parts, names: Sequence[str] | None) -> str:
-    told = []
+    found = []
     for who, join, one in parts:
         known = {point for pair in one.exchanged for point in pair}
-        told += [
-            f"{_called(int(join.points[q]), names)} of {who} ({one.errors[q]:.2f})"
+        found += [
+            (_called(int(join.points[q]), names), who, f" ({one.errors[q]:.2f})")
             for q in np.flatnonzero(one.wrong)
             if int(join.points[q]) not in known
         ]
+    told = _of_whom(found, len(parts))
     return (
         "These landmarks are far from where the others put them, by this many sqrt(area): "
-        f"{', '.join(told)}. They were left out; check them."
+        f"{told}. They were left out; check them."
         if told
         else ""
     )
+
+
+def _of_whom(found: Sequence[tuple[str, str, str]], n_shapes: int) -> str:
+    """Return which landmarks of which shapes; what is found on most is the reference's."""
+    counts = Counter(what for what, _, _ in found)
+    on_most = [what for what, n in counts.items() if is_on_most(n, n_shapes)]
+    told = [f"{what} of the reference" for what in on_most]
+    told += [f"{what} of {who}{by}" for what, who, by in found if what not in on_most]
+    return ", ".join(told)
 
 
 def _unlike_message(parts: _Parts) -> str:

@@ -110,6 +110,49 @@ def test_exchanged_landmarks_are_named_and_left_out(make_learner, shapes, measur
         make_learner(n_functions=15).fit(shapes, truths)
 
 
+def _moved(truth, mesh, rows, to):
+    points = truth.coordinates.copy()
+    points[rows] = to
+    return Correspondence.from_points(Landmarks(points, NAMES), mesh)
+
+
+@pytest.mark.parametrize("refine", ["bijective-zoomout", "register"])
+def test_exchanged_landmarks_count_no_more_than_missing_ones(
+    make_learner, shapes, measured, bones, refine
+):
+    slip = _moved(measured[2], bones.meshes[2], [4, 9], measured[2].coordinates[[9, 4]])
+    missing = _moved(measured[2], bones.meshes[2], [4, 9], np.nan)
+    learner = make_learner(n_functions=15, refine=refine, confidence="cross-fit")
+    with pytest.warns(CoverageWarning, match="exchanged"):
+        one = clone(learner).fit(shapes, [*measured[:2], slip, measured[3]])
+    other = clone(learner).fit(shapes, [*measured[:2], missing, measured[3]])
+    (one,), (other,) = (fitted.predict_landmarks(shapes[1:2]) for fitted in (one, other))
+    size = np.sqrt(shapes[1].spectral.area)
+    np.testing.assert_allclose(one.points, other.points, atol=0.005 * size)
+    np.testing.assert_allclose(one.expected_error, other.expected_error, atol=0.005 * size)
+
+
+@pytest.mark.filterwarnings("ignore::skfmap.exceptions.DisagreementWarning")
+def test_landmarks_exchanged_on_the_reference_are_taken_from_the_others(
+    make_learner, shapes, measured, bones, marks
+):
+    slip = _moved(measured[0], bones.meshes[0], [4, 9], measured[0].coordinates[[9, 4]])
+    learner = make_learner(n_functions=15, refine="bijective-zoomout", confidence="cross-fit")
+    with pytest.warns(CoverageWarning, match="'mark 4' and 'mark 9' of the reference. They"):
+        fitted = learner.fit(shapes, [slip, *measured[1:]])
+    (found,) = fitted.predict_landmarks(shapes[3:])
+    off = np.linalg.norm(found.points - marks[3].points, axis=1)
+    assert off.max() < 0.1 * np.sqrt(shapes[3].spectral.area)
+
+
+def test_names_spelt_otherwise_are_told(make_learner, shapes, measured, bones):
+    for other in ("Mark_4", "nose"):
+        names = [other if name == "mark 4" else name for name in NAMES]
+        odd = Correspondence.from_points(Landmarks(measured[2].coordinates, names), bones.meshes[2])
+        with pytest.warns(CoverageWarning, match=f"'{other}' of X\\[2\\]"):
+            make_learner(n_functions=12).fit(shapes, [*measured[:2], odd, measured[3]])
+
+
 def test_a_mirrored_specimen_is_named_and_laid_on_as_its_image(
     make_learner, shapes, measured, bones, marks, probe
 ):

@@ -383,3 +383,16 @@ def test_what_the_fit_left_out_is_about_what_fits_without_it_find(
     # Errors to expect of a specimen are those of the others.
     own = shrunk_scales(left.distances[order][1:])
     np.testing.assert_allclose(fitted.expected[0], sizes[0] * own)
+
+
+@pytest.mark.parametrize("confidence", [None, "cross-fit"])
+def test_unrefined_models_measure_and_are_saved(
+    make_learner, probed, measured, points_on_bodies, tmp_path, confidence
+):
+    learner = make_learner(refine=None, confidence=confidence).fit(probed[:5], measured[:5])
+    (marks,) = learner.predict_landmarks(probed[5:])
+    errors = off(marks, points_on_bodies(BENDS[5]))
+    assert errors.mean() < 0.1 * np.sqrt(probed[5].spectral.area)
+    save_model(learner, tmp_path / "model.skops")
+    (again,) = load_model(tmp_path / "model.skops").predict_landmarks(probed[5:])
+    assert np.array_equal(again.points, marks.points)

@@ -173,7 +173,7 @@ def as_read(
         if label in first:
             raise CorrespondenceError(
                 f"{path} has several points of one name: {label!r} ({first[label].where} and "
-                f"{row.where}). Give each landmark a name of its own."
+                f"{row.where}). Give each landmark a name of its own, and each specimen a file."
             )
         first[label] = row
     points = np.stack([row.at for row in rows])

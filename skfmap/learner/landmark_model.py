@@ -189,6 +189,7 @@ def learn_landmarks(
     numbers, names = np.array(list(called)), tuple(called.values())
     measured = {i: _measured(training.truths[i], training.shapes[i], numbers) for i in used}
     measured_0 = _measured(truth_0, training.reference, numbers)
+    measured_0[np.isin(numbers, training.wrong_on_reference())] = np.nan
     n_folds = min(_FOLDS, len(used)) if left_out else 0
     if n_folds < 2:
         points_0 = _on_reference(training, matcher, measured_0, measured)
@@ -289,9 +290,12 @@ def _measured(truth: Correspondence, shape: ProbedShape, numbers: IntArray) -> F
 
 
 def _right(training: TrainingSet, i: int, numbers: IntArray) -> BoolArray:
-    """Return which landmarks of a training shape were not found to be wrong."""
+    """Return which landmarks of a training shape were not found to be wrong.
+
+    What is wrong on most shapes is so on the reference, and right on these.
+    """
     wrong = training.joins[i].points[training.found_wrong(i)]
-    return np.isin(numbers, wrong, invert=True)
+    return np.isin(numbers, np.setdiff1d(wrong, training.wrong_on_reference()), invert=True)
 
 
 def _carried_back(

@@ -22,12 +22,14 @@ from skfmap.known_maps import (
     KnownMaps,
     KnownMapsRecord,
     PairsAsGiven,
+    is_on_most,
     record_of,
     told_of,
 )
 from skfmap.learner.inputs import check_correspondences, check_shapes
 from skfmap.learner.medoid import medoid_index
 from skfmap.learner.mirrored import is_mirror_image, mirror_image
+from skfmap.learner.spelling import spelling_message
 from skfmap.shapes import Correspondence, JoinedPairs, ProbedShape, SkippedShape
 from skfmap.shapes.usable import Answer, ProbedItem, describe, skipped_message
 
@@ -126,6 +128,8 @@ class TrainingSet:
         that was built from them. Areas are of the pairs that were given.
     observed : list of Observed
         The pairs that each map was made of.
+    wrong : list of ndarray of bool
+        Of the pairs that were given, those that were left out as exchanged or out of place.
     share : ndarray of shape (n_shapes,)
         Share of each shape in equation (3).
     k : int
@@ -153,6 +157,7 @@ class TrainingSet:
     joins: list[JoinedPairs]
     known: list[KnownMap]
     observed: list[Observed]
+    wrong: list[BoolArray]
     share: FloatArray
     k: int
     options: LearningOptions
@@ -224,6 +229,7 @@ class TrainingSet:
         ]
         known = [_of_given(*parts) for parts in zip(made, built, shapes, joins, strict=True)]
         called = [describe(i, given[i]) for i in rest]
+        order, named = [index, *rest], [truth_0, *truths]
         if on_mirrored == "reflect":  # known maps are those of the images too
             shapes = [
                 mirror_image(shape) if is_mirror_image(shape, shape_0, join, one) else shape
@@ -239,6 +245,7 @@ class TrainingSet:
             joins=joins,
             known=known,
             observed=observed,
+            wrong=[one.wrong for one in built],
             share=share[rest],
             k=n_functions,
             options=(options or LearningOptions()).resolved(shape_0),
@@ -247,7 +254,10 @@ class TrainingSet:
             memory=memory,
             n_jobs=n_jobs,
             how=record_of(built, joins, rest, len(given)),
-            told=told_of(pairs, built, called, truth_0.names),
+            told=[
+                *told_of(pairs, built, called, truth_0.names),
+                *filter(None, [spelling_message(named, [describe(i, given[i]) for i in order])]),
+            ],
         )
 
     def __repr__(self) -> str:
@@ -296,14 +306,21 @@ class TrainingSet:
 
         An array of shape (n_pairs,). None of them where the map was made of the pairs as given.
         """
-        was_built = self.observed[i].join is not self.joins[i]
-        return np.asarray(was_built & (self.known[i].areas == 0))
+        return self.wrong[i]
+
+    def wrong_on_reference(self) -> IntArray:
+        """Return the points that were left out on most shapes: the reference has the slip."""
+        points, at = np.unique(
+            np.concatenate([join.points for join in self.joins]), return_inverse=True
+        )
+        n_wrong = np.bincount(at, np.concatenate(self.wrong))
+        return np.asarray(points[is_on_most(n_wrong, np.bincount(at))])
 
     def only(self, rows: IntArray) -> Self:
         """Return the training set of some of the shapes, and the reference."""
         parts: dict[str, Any] = {
             name: [getattr(self, name)[i] for i in rows]
-            for name in ("shapes", "truths", "joins", "known", "observed")
+            for name in ("shapes", "truths", "joins", "known", "observed", "wrong")
         }
         return replace(self, **parts, indices=self.indices[rows], share=self.share[rows])
 

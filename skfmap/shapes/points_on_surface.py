@@ -112,7 +112,8 @@ def put_on_surface(
         raise CorrespondenceError(
             f"Of {label(mesh.name, 'shape')}, these landmarks lie farther from the surface than "
             f"{max_distance:.0%} of its largest extent: {told}. A slip of the hand, or not placed? "
-            "Correct them, give NaN for what is missing, or raise max_distance."
+            "Correct them, give NaN for what is missing, or raise max_distance of "
+            "Correspondence.from_points."
         )
     return SurfacePlaces(found.corners, found.weights), found.distances
 
