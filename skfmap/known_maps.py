@@ -22,7 +22,7 @@ from skfmap.functional.from_landmarks import map_from_landmarks
 from skfmap.functional.neighbours import nearest_both
 from skfmap.functional.refinement import beyond, map_from_point_maps
 from skfmap.functional.samples import areas_of_samples, farthest_points
-from skfmap.functional.similarity import MIRROR, STIFF, TELLING, left_by_similarities
+from skfmap.functional.similarity import MIRROR, STIFF, TELLING, left_by_similarities, side_of
 from skfmap.geometry.geodesics import heat_distances
 from skfmap.ground_truth import check_landmarks, distinct_landmarks
 from skfmap.registration.by_landmarks import LandmarkBuild, build_in_space
@@ -519,8 +519,8 @@ def _laid(part: InSpace, given: GivenPairs, i: int) -> BuiltMap:
     at_0 = np.asarray(places_0 @ spectral_0.vertices)
     points = spectral.vertices_at(join.vertices_i, join.places_i)
     vertices, faces = spectral.vertices, spectral.mesh.faces
-    rotated, reflected = left_by_similarities(points, at_0, join.weights)
-    if reflected <= STIFF < rotated:  # a mirrored specimen; its image is laid on
+    left = left_by_similarities(points, at_0, join.weights)
+    if side_of(*left) == -1:  # a mirrored specimen; its image is laid on
         points, vertices, faces = points * MIRROR, vertices * MIRROR, faces[:, ::-1]
     task = _InSpace(spectral_0, vertices, faces, places_0, points)
     key = hash_of_arrays(

@@ -276,6 +276,17 @@ def test_a_model_without_landmarks_says_so(place, tmp_path, capsys):
 
 
 @pytest.mark.usefixtures("told_of_marked")
+def test_landmarks_of_what_is_unlike_are_told_as_doubtful(marked, tmp_path, capsys):
+    write_mesh(skfmap.datasets.make_sphere(n_subdivisions=3), tmp_path / "ball.off")
+    options = ("-o", tmp_path / "out", *_QUIET)
+    assert run("landmarks", marked.model, tmp_path / "ball.off", *options) == 0
+    assert "Doubtful: ball: unlike the training specimens" in capsys.readouterr().out
+    (row,) = rows_of(tmp_path / "out" / "summary.csv")
+    assert row["expected error"] == ""
+    assert row["note"].startswith("unlike the training specimens")
+
+
+@pytest.mark.usefixtures("told_of_marked")
 def test_one_table_has_the_landmarks_of_all_specimens(marked, broken, tmp_path):
     assert run("landmarks", marked.model, broken, "-o", tmp_path / "out", *_QUIET) == 1
     table = rows_of(tmp_path / "out" / "landmarks.csv")

@@ -9,6 +9,7 @@ from sklearn.base import clone
 
 from skfmap import Correspondence, Landmarks, Mesh
 from skfmap.exceptions import CoverageWarning, OrientationWarning
+from skfmap.functional.similarity import STIFF, left_by_similarities
 from skfmap.known_maps import GivenPairs, InSpace, PairsAsGiven, kind_of
 from skfmap.registration.by_landmarks import build_in_space, exchanged
 
@@ -202,3 +203,20 @@ def test_parameters_are_those_of_a_part(make_learner):
     learner = make_learner(known_maps=InSpace(enough=1.0))
     assert clone(learner).known_maps.enough == 1.0
     assert repr(InSpace()) == "InSpace()"
+
+
+def test_a_mirrored_specimen_that_is_nearly_flat_is_laid_on_as_its_image(bones, marks, probe):
+    """A rotation explains its landmarks nearly as well."""
+    thin = np.array([1.0, 1, 0.12])
+    meshes = [Mesh(mesh.vertices * thin, mesh.faces, mesh.name) for mesh in bones.meshes[:2]]
+    flipped = Mesh(meshes[1].vertices * [1.0, 1, -1], meshes[1].faces[:, ::-1], "left")
+    points = [one.points * thin for one in marks[:2]]
+    left = left_by_similarities(points[1] * [1, 1, -1], points[0], np.ones(13))
+    assert left[1] < left[0] < STIFF
+    x = probe([*meshes, flipped])
+    y = [
+        Correspondence.from_points(Landmarks(at, NAMES), mesh)
+        for at, mesh in zip((*points, points[1] * [1, 1, -1]), (*meshes, flipped), strict=True)
+    ]
+    plain, mirrored = InSpace().build(pairs_of(x, y))
+    assert (plain.pairs.vertices_0 == mirrored.pairs.vertices_0).mean() > 0.97

@@ -22,6 +22,10 @@ DESCRIPTION = (
     "specimen NAME, the file NAME.fcsv (or another format) holds the points in the units and "
     "coordinates of its mesh."
 )
+_UNLIKE = (
+    "unlike the training specimens, so that its landmarks may be anywhere; look at them. A mirror "
+    "image, where train had no --mirrored reflect, a part, or another kind?"
+)
 FORMATS = ("fcsv", "mrk.json", "pp", "tps", "pts", "csv")
 
 
@@ -90,7 +94,8 @@ def _result(found: Landmarks) -> Result:
     n_placed = f"{int(found.placed.sum())} of {len(found.names)}"
     mean, radius = (_mean(one) for one in (found.expected_error, found.radius))
     if found.expected_error is None or mean is None:
-        return Result((n_placed, None, None, None, radius), (np.inf,))
+        told = "" if found.expected_error is None else _UNLIKE
+        return Result((n_placed, None, None, None, radius), (np.inf,), told)
     worst = int(np.nanargmax(found.expected_error))
     largest = float(found.expected_error[worst])
     return Result((n_placed, mean, largest, found.names[worst], radius), (mean,))

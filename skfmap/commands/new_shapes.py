@@ -21,10 +21,14 @@ _SUMMARY = "summary.csv"
 
 
 class Result(NamedTuple):
-    """What the summary says of a shape: its cells, and the doubt by which it is sorted."""
+    """What the summary says of a shape: its cells, and the doubt by which it is sorted.
+
+    ``told`` is what is to be said of it below the table.
+    """
 
     cells: tuple[object, ...]
     doubt: tuple[float, ...]
+    told: str = ""
 
 
 class Work(NamedTuple):
@@ -48,7 +52,8 @@ class _Row(NamedTuple):
     name: str
     cells: tuple[object, ...]
     doubt: tuple[float, ...]
-    note: str
+    told: str = ""
+    note: str = ""  # why there is no answer
 
 
 def add_common(parser: argparse.ArgumentParser, default: str, what: str) -> None:
@@ -86,10 +91,17 @@ def run_on_new_shapes(
         doing.finish()
     rows.sort(key=lambda row: (not row.note, *(-doubt for doubt in row.doubt)))
     header = ("shape", *doing.columns)
-    write_table(summary, (*header, "note"), [(row.name, *row.cells, row.note) for row in rows])
+    write_table(
+        summary,
+        (*header, "note"),
+        [(row.name, *row.cells, row.note or row.told) for row in rows],
+    )
     failed = [row for row in rows if row.note]
     print(show_table(header, [(row.name, *row.cells) for row in rows]))
     print(f"{doing.units} The most doubtful come first.")
+    for row in rows:
+        if row.told:
+            print(f"Doubtful: {row.name}: {row.told}")
     for row in failed:
         print(f"Not used: {row.name}: {row.note}")
     print(f"Written to {options.output}: {len(rows) - len(failed)} of {len(rows)}, and {summary}.")
@@ -132,11 +144,11 @@ def _written(answer: Any, path: Path, target: Path, work: Work) -> _Row:
     note = answer.reason if isinstance(answer, SkippedShape) else ""
     if not note:
         try:
-            return _Row(path.stem, *work.write(answer, target), "")
+            return _Row(path.stem, *work.write(answer, target))
         except ValueError as error:
             note = str(error)
     blank = (None,) * len(work.columns)
-    return _Row(path.stem, blank, (), " ".join(note.split()))
+    return _Row(path.stem, blank, (), note=" ".join(note.split()))
 
 
 def _set(model: Any, parameter: str, value: object) -> None:

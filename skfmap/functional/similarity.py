@@ -6,12 +6,25 @@ import numpy as np
 
 from skfmap._tools.types import FloatArray
 
-__all__ = ["MIRROR", "STIFF", "TELLING", "Similarity", "best_similarity", "left_by_similarities"]
+__all__ = [
+    "MIRROR",
+    "STIFF",
+    "TELLING",
+    "Similarity",
+    "best_similarity",
+    "left_by_similarities",
+    "side_of",
+]
 
 # Up to which what a similarity leaves, as a share of squares, is that of stiff shapes, and points
 # that it takes to tell. Between landmarks of any two of twenty mandibles or eleven skulls 0.006 is
 # left at most, between cats 0.2 in the median; three points of anything are explained.
 STIFF, TELLING = 0.02, 6
+# How much less one of two similarities leaves, with a reflection and without, that tells the side.
+# Mandibles are nearly flat: with a reflection they leave 0.0133 and more, 3.6 times as much at
+# least. Bodies that bend cannot be told so: between people 0.048 is left with one, and between
+# four-legged animals 0.76 of what is left without one.
+_TIMES = 2.0
 # The reflection: of the first coordinate, which runs from side to side in scanners' coordinates.
 MIRROR = np.array([-1.0, 1.0, 1.0])
 
@@ -112,3 +125,23 @@ def left_by_similarities(
     side = -s3 if np.linalg.det(cross) < 0 else s3
     rotated, reflected = (max(0.0, float(1 - (s1 + s2 + s) ** 2 / size)) for s in (side, -side))
     return rotated, reflected
+
+
+def side_of(rotated: float, reflected: float) -> int | None:
+    """Return -1 where points are mirrored, 1 where they are not, and None where they do not tell.
+
+    Parameters
+    ----------
+    rotated, reflected : float
+        What is left of the points; from `left_by_similarities`.
+
+    Examples
+    --------
+    >>> from skfmap.functional.similarity import side_of
+    >>> side_of(0.015, 0.004), side_of(0.001, 0.4), side_of(0.004, 0.005), side_of(0.8, 0.3)
+    (-1, 1, None, None)
+    """
+    less, more = sorted((rotated, reflected))
+    if less > STIFF or more < max(_TIMES * less, 1e-9):
+        return None
+    return 1 if rotated < reflected else -1

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 
 from skfmap._tools.types import BoolArray, FloatArray
-from skfmap.functional.similarity import MIRROR, STIFF, TELLING, left_by_similarities
+from skfmap.functional.similarity import MIRROR, TELLING, left_by_similarities, side_of
 from skfmap.ground_truth import KnownMap
 from skfmap.shapes import (
     GivenMesh,
@@ -27,12 +27,6 @@ _COORDINATES, _NEGATED = "coordinates", ("[x]", "[normal_x]")
 # Correlation of oriented probes with their images under the known map; that of sound TOSCA shapes
 # is 0.3 to 0.9.
 _AGAINST = 0.1
-# What the best similarity leaves of the squares of paired points. Stiff kinds: at most 0.0060
-# between landmarks of any two of twenty mandibles, 0.0058 of eleven skulls; with a reflection
-# 0.0133 and more, and 3.6 times as much at least, although mandibles are nearly flat. Bodies that
-# bend cannot be told so: between cats the median is 0.2; with a reflection as little as 0.048 is
-# left between people, and between four-legged animals 0.76 of what is left without one.
-_TIMES = 2.0
 
 
 def odd_probes(shape: ProbedShape) -> BoolArray:
@@ -143,7 +137,4 @@ def _side_in_space(
     spectral, spectral_0 = shape.spectral, reference.spectral
     points = spectral.vertices_at(join.vertices_i, join.places_i)
     points_0 = spectral_0.vertices_at(join.vertices_0, join.places_0)
-    left = left_by_similarities(points, points_0, known.areas)
-    if min(left) > STIFF or max(left) < max(_TIMES * min(left), 1e-9):
-        return None
-    return 1 if left[0] < left[1] else -1
+    return side_of(*left_by_similarities(points, points_0, known.areas))
