@@ -8,7 +8,7 @@ from scipy.spatial.transform import Rotation
 from sklearn.base import clone
 
 from skfmap import Correspondence, Landmarks, Mesh
-from skfmap.exceptions import CoverageWarning, OrientationWarning
+from skfmap.exceptions import CoverageWarning, DisagreementWarning, OrientationWarning
 from skfmap.functional.similarity import STIFF, left_by_similarities
 from skfmap.known_maps import GivenPairs, InSpace, PairsAsGiven, kind_of
 from skfmap.registration.by_landmarks import build_in_space, exchanged
@@ -169,6 +169,24 @@ def test_a_mirrored_specimen_is_named_and_laid_on_as_its_image(
         make_learner(n_functions=15).fit(X, y)
     with pytest.warns(OrientationWarning, match="left"):
         make_learner(n_functions=15, on_mirrored="reflect").fit(X, y)
+
+
+def test_a_mirrored_specimen_does_not_spoil_what_is_promised(
+    make_learner, shapes, measured, bones, marks, probe
+):
+    flip = np.array([1.0, -1, 1])
+    mesh = Mesh(bones.meshes[1].vertices * flip, bones.meshes[1].faces[:, ::-1], "left")
+    mirrored = Correspondence.from_points(Landmarks(marks[1].points * flip, NAMES), mesh)
+    learner = make_learner(n_functions=15, refine="auto", confidence="cross-fit")
+    with (
+        pytest.warns(OrientationWarning, match="left"),
+        pytest.warns(DisagreementWarning, match="left"),
+    ):
+        with_it = clone(learner).fit([*shapes, *probe([mesh])], [*measured, mirrored])
+    without = clone(learner).fit(shapes, measured)
+    promised = [one.landmarks_.expected_errors().mean() for one in (with_it, without)]
+    assert promised[0] == pytest.approx(promised[1], rel=0.3)
+    assert len(with_it.landmarks_.left_out.indices) == 3
 
 
 def test_landmarks_out_of_place_are_found(shapes, measured):

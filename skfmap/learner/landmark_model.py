@@ -19,6 +19,7 @@ from skfmap.functional.similarity import MIRROR, best_similarity
 from skfmap.geometry.closest import ClosestPoints, nearest_places
 from skfmap.learner.confidence import matchers_without
 from skfmap.learner.matcher import Matcher
+from skfmap.learner.mirrored import is_against
 from skfmap.learner.training_set import TrainingSet
 from skfmap.refinement import match_points
 from skfmap.registration import Registration
@@ -178,13 +179,14 @@ def learn_landmarks(
 
     Notes
     -----
-    Landmarks that were left out as wrong when known maps were built do not count. Where the
+    Landmarks that were left out as wrong when known maps were built do not count, nor do shapes
+    that are mirror images of the others and were not reflected. Where the
     reference lacks a landmark, its place is told by others than the shapes that are left out.
     """
     truth_0, spectral_0 = training.truth_0, training.reference.spectral
     if truth_0.coordinates is None:
         return None
-    used = [int(i) for i in training.used if training.truths[i].coordinates is not None]
+    used = [int(i) for i in training.used if _counts(training, int(i))]
     called = _called([truth_0, *(training.truths[i] for i in used)])
     numbers, names = np.array(list(called)), tuple(called.values())
     measured = {i: _measured(training.truths[i], training.shapes[i], numbers) for i in used}
@@ -220,6 +222,12 @@ def learn_landmarks(
     signs = np.array([MIRROR if training.shapes[i].reflected else np.ones(3) for i in rows])
     seen = LeftOut(training.indices[rows], groups, left * signs[:, None], right)
     return LandmarkModel(names, _places(points_0, spectral_0), shrunk_mean(missed_0), seen)
+
+
+def _counts(training: TrainingSet, i: int) -> bool:
+    """Tell whether a training shape was measured, and is not the mirror image of the others."""
+    known = training.shapes[i], training.reference, training.joins[i], training.known[i]
+    return training.truths[i].coordinates is not None and not is_against(*known)
 
 
 def _called(truths: list[Correspondence]) -> dict[int, str]:
