@@ -22,6 +22,7 @@ from skfmap.functional.similarity import (
     Similarity,
     best_similarity,
     left_by_similarities,
+    side_of,
 )
 from skfmap.geometry.closest import ClosestPoints
 from skfmap.refinement import ICP, REFINEMENTS, Learned, PointMatch, Refinement, ZoomOut
@@ -375,7 +376,16 @@ class _Sample:
 
 def _samples(training: Any, matcher: Any, start: Refinement | None, pose: str) -> list[_Sample]:
     begun = replace(matcher, refinement=start)
-    return [_sample(begun, training, i, pose) for i in training.used]
+    made = [_sample(begun, training, i, pose) for i in training.used]
+    upright = [one for one in made if not _is_mirrored(training.reference.spectral, one)]
+    return upright or made
+
+
+def _is_mirrored(spectral_0: SpectralShape, sample: "_Sample") -> bool:
+    """Tell whether a stiff shape is a mirror image, onto which the reference cannot be turned."""
+    at_0 = np.asarray(sample.pairs.places @ spectral_0.vertices)
+    left = left_by_similarities(at_0, sample.pairs.points, sample.pairs.weights)
+    return sample.pose == "similarity" and len(at_0) >= TELLING and side_of(*left) == -1
 
 
 def _sample(matcher: Any, training: Any, i: int, pose: str) -> _Sample:
