@@ -26,6 +26,8 @@ def folder(symmetric_collection, tmp_path):
     return tmp_path
 
 
+# Of the two that are left to learn from neither bends as far as body3.
+@pytest.mark.filterwarnings("ignore::skfmap.exceptions.UnfamiliarShapeWarning")
 def test_main_job_on_a_folder(folder, capsys):
     output = folder / "out"
     status = main(

@@ -325,7 +325,7 @@ def test_scorers_that_need_symmetric_answers_say_so(fitted, probed, collection):
 
 
 def test_names_of_scorers():
-    assert len(get_scorer_names()) == 3
+    assert len(get_scorer_names()) == 4
     for name in get_scorer_names():
         assert callable(get_scorer(name))
         assert get_scorer(name) == get_scorer(name)
