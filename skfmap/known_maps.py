@@ -38,7 +38,6 @@ __all__ = [
     "KnownMaps",
     "KnownMapsRecord",
     "PairsAsGiven",
-    "is_on_most",
     "kind_of",
     "record_of",
     "told_of",
