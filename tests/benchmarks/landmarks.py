@@ -442,12 +442,16 @@ def main():
     # Mandibles have one fit, on both cores; skulls have one each, two at a time.
     n_groups = 1 if options.data == "mandibles" else 2
     os.environ |= {MEMORY: kept.name, N_JOBS: str(3 - n_groups)}
-    with kept, parallel_config("loky", n_jobs=2, inner_max_num_threads=1):
-        carried = Parallel()(delayed(carry)(*pair) for pair in pairs.values())
+    with kept:
+        with parallel_config("loky", n_jobs=2, inner_max_num_threads=1):
+            carried = Parallel()(delayed(carry)(*pair) for pair in pairs.values())
         found = dict(zip(pairs, carried, strict=True))
         named = answers(found, options.data == "mandibles", not options.learned)
-        groups = [folds[f::n_groups] for f in range(n_groups)]
-        done = Parallel(n_jobs=n_groups)(delayed(score_all)(named, group) for group in groups)
+        if n_groups == 1:
+            done = [score_all(named, folds)]
+        else:
+            with parallel_config("loky", n_jobs=2, inner_max_num_threads=1):
+                done = Parallel()(delayed(score_all)(named, folds[f::2]) for f in range(2))
     scored = [one for pair in itertools.zip_longest(*done) for one in pair if one is not None]
     errors, seconds, told = (np.array(what) for what in zip(*scored, strict=True))
     icp, both = np.mean([one["seconds"] for one in carried], axis=0)
