@@ -219,7 +219,40 @@ class PairsAsGiven(KnownMaps):
         return [_as_given(join) for join in given.joins]
 
 
-class FromLandmarks(KnownMaps):
+class _FromFew(KnownMaps):
+    """Dense maps, built from few landmarks where these are not enough as they are."""
+
+    enough: float
+
+    @abstractmethod
+    def build_one(self, given: GivenPairs, i: int) -> BuiltMap:
+        """Return what the known map of the i-th shape is made of."""
+
+    def build(self, given: GivenPairs) -> list[BuiltMap]:
+        """Return the pairs of each map that was built, or those given where they are enough."""
+        for shape, join in zip(given.shapes, given.joins, strict=True):
+            self.check(shape, given.reference, join, given.k)
+        arguments = ((given, i) for i in range(len(given.shapes)))
+        return map_shapes(self._one, arguments, n_jobs=given.n_jobs, verbose=0, prefer="threads")
+
+    def _one(self, given: GivenPairs, i: int) -> BuiltMap:
+        if distinct_landmarks(given.joins[i]) >= self.enough * given.k:
+            return _as_given(given.joins[i])
+        return self.build_one(given, i)
+
+    def check(self, shape: ProbedShape, reference: ProbedShape, join: JoinedPairs, k: int) -> None:
+        """Raise CorrespondenceError for a shape with fewer than 8 landmarks, and fewer than k."""
+        n_distinct = distinct_landmarks(join)
+        if n_distinct < min(_FEWEST, k):
+            raise CorrespondenceError(
+                f"{label(shape.name, 'shape')} and {reference.name!r} share {n_distinct} distinct "
+                f"landmarks (repeated ones count once), too few for n_functions={k}, and to build "
+                f"a map from, which takes {_FEWEST}. Place more landmarks, spread over the whole "
+                "surface, or leave the shape out."
+            )
+
+
+class FromLandmarks(_FromFew):
     """Known maps from a few landmarks, for kinds that bend: dense maps are built, not asked for.
 
     Each is begun from heat around the landmarks and from the probe functions, unweighted, under the
@@ -257,31 +290,22 @@ class FromLandmarks(KnownMaps):
         check_number(self.final_steps, "final_steps", low=1, integer=True)
         check_number(self.enough, "enough", low=0)
 
-    def check(self, shape: ProbedShape, reference: ProbedShape, join: JoinedPairs, k: int) -> None:
-        """Raise CorrespondenceError for a shape with fewer than 8 landmarks, and fewer than k."""
-        n_distinct = distinct_landmarks(join)
-        if n_distinct < min(_FEWEST, k):
-            raise CorrespondenceError(
-                f"{label(shape.name, 'shape')} and {reference.name!r} share {n_distinct} distinct "
-                f"landmarks (repeated ones count once), too few for n_functions={k}, and to build "
-                f"a map from, which takes {_FEWEST}. Place more landmarks, spread over the whole "
-                "surface, or leave the shape out."
-            )
-
-    def build(self, given: GivenPairs) -> list[BuiltMap]:
-        """Return the pairs of each map that was built, or those given where they are enough."""
-        for shape, join in zip(given.shapes, given.joins, strict=True):
-            self.check(shape, given.reference, join, given.k)
-        arguments = ((self, given, i) for i in range(len(given.shapes)))
-        return map_shapes(_build, arguments, n_jobs=given.n_jobs, verbose=0, prefer="threads")
+    def build_one(self, given: GivenPairs, i: int) -> BuiltMap:
+        """Return the pairs of a map that was built in functions."""
+        return _build(self, given, i)
 
 
-class InSpace(FromLandmarks):
+class InSpace(_FromFew):
     """Known maps from a few landmarks, for stiff kinds, of which space tells more than functions.
 
     The reference is moved by the similarity of the landmarks, then deformed as little as can be
     until the landmarks and the closest points of the surface meet; landmarks are not held, as
-    nobody places them exactly. Parameters are those of `FromLandmarks`; ``enough`` alone counts.
+    nobody places them exactly.
+
+    Parameters
+    ----------
+    enough : float, default=2.0
+        As of `FromLandmarks`.
 
     Examples
     --------
@@ -291,12 +315,16 @@ class InSpace(FromLandmarks):
     InSpace()
     """
 
-    def build(self, given: GivenPairs) -> list[BuiltMap]:
-        """Return the pairs of each map that was built, or those given where they are enough."""
-        for shape, join in zip(given.shapes, given.joins, strict=True):
-            self.check(shape, given.reference, join, given.k)
-        arguments = ((self, given, i) for i in range(len(given.shapes)))
-        return map_shapes(_laid, arguments, n_jobs=given.n_jobs, verbose=0, prefer="threads")
+    def __init__(self, enough: float = _ENOUGH) -> None:
+        self.enough = enough
+
+    def check_parameters(self) -> None:
+        """Raise for parameters that cannot be used."""
+        check_number(self.enough, "enough", low=0)
+
+    def build_one(self, given: GivenPairs, i: int) -> BuiltMap:
+        """Return the pairs of a map that was built in space."""
+        return _laid(given, i)
 
 
 class AutoKnownMaps(FromLandmarks):
@@ -509,10 +537,8 @@ def _as_given(join: JoinedPairs) -> BuiltMap:
     return BuiltMap(join, PAIRS, np.zeros(n, dtype=bool), np.full(n, np.nan), none, [])
 
 
-def _laid(part: InSpace, given: GivenPairs, i: int) -> BuiltMap:
+def _laid(given: GivenPairs, i: int) -> BuiltMap:
     shape, reference, join = given.shapes[i], given.reference, given.joins[i]
-    if distinct_landmarks(join) >= part.enough * given.k:
-        return _as_given(join)
     spectral, spectral_0 = shape.spectral, reference.spectral
     places_0 = spectral_0.place_matrix(join.vertices_0, join.places_0)
     at_0 = np.asarray(places_0 @ spectral_0.vertices)
@@ -607,8 +633,6 @@ class _Found(NamedTuple):
 
 def _build(part: FromLandmarks, given: GivenPairs, i: int) -> BuiltMap:
     shape, reference, join = given.shapes[i], given.reference, given.joins[i]
-    if distinct_landmarks(join) >= part.enough * given.k:
-        return _as_given(join)
     spectral, spectral_0 = shape.spectral, reference.spectral
     n = min(spectral.n_components, spectral_0.n_components)
     task = _Task(

@@ -302,7 +302,7 @@ def _right(training: TrainingSet, i: int, numbers: IntArray) -> BoolArray:
 
     What is wrong on most shapes is so on the reference, and right on these.
     """
-    wrong = training.joins[i].points[training.found_wrong(i)]
+    wrong = training.joins[i].points[training.wrong[i]]
     return np.isin(numbers, np.setdiff1d(wrong, training.wrong_on_reference()), invert=True)
 
 

@@ -301,13 +301,6 @@ class TrainingSet:
         measured = truth.coordinates[rows] / np.sqrt(shape.area)
         return measured * MIRROR if self.shapes[i].reflected else measured
 
-    def found_wrong(self, i: int) -> BoolArray:
-        """Return which pairs of the i-th shape were left out when its known map was built.
-
-        An array of shape (n_pairs,). None of them where the map was made of the pairs as given.
-        """
-        return self.wrong[i]
-
     def wrong_on_reference(self) -> IntArray:
         """Return the points that were left out on most shapes: the reference has the slip."""
         points, at = np.unique(

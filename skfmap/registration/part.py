@@ -392,7 +392,7 @@ def _sample(matcher: Any, training: Any, i: int, pose: str) -> _Sample:
     shape, known = training.shapes[i], training.known[i]
     spectral_0 = training.reference.spectral
     # Where shapes are stiff, functions do not tell which pairs are wrong; space may have.
-    right = ~training.found_wrong(i) if pose == "similarity" else known.areas > 0
+    right = ~training.wrong[i] if pose == "similarity" else known.areas > 0
     draw = min(_FEW_PAIRS * right.sum(), spectral_0.mesh.n_vertices)
     join = training.joins[i].take(right)
     pairs = Anchors(
