@@ -263,11 +263,11 @@ def learned(templates):
     """Return a model of templates, made once in a process."""
     key = tuple(template.name for template in templates)
     if key not in MODELS:
-        started, memory = time.perf_counter(), os.environ[MEMORY]
+        started, memory = time.perf_counter(), os.environ.get(MEMORY)
         model = make_pipeline(
             SpectralBasis(memory=memory),
             DescriptorTransformer(memory=memory),
-            WeightedFunctionalMapLearner(memory=memory, n_jobs=int(os.environ[N_JOBS])),
+            WeightedFunctionalMapLearner(memory=memory, n_jobs=int(os.environ.get(N_JOBS, "2"))),
         )
         meshes = [template.mesh for template in templates]
         with warnings.catch_warnings():
