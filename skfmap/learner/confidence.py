@@ -2,6 +2,7 @@
 
 from abc import ABC, abstractmethod
 from dataclasses import replace
+from itertools import combinations
 from typing import NamedTuple, Self
 
 import numpy as np
@@ -95,6 +96,13 @@ class Confidence(Part, ABC):
         """Return the mean error of training shapes left out; NaN if that is not known."""
         return float("nan")
 
+    def share_between(self) -> float:
+        """Return the errors between two new shapes, as a share of what they would be if unrelated.
+
+        That is the root of the squares of both errors to the reference; 1 here.
+        """
+        return 1.0
+
 
 class CrossFitConfidence(Confidence):
     """Relate what matches show of themselves to their errors on training shapes left out.
@@ -119,6 +127,10 @@ class CrossFitConfidence(Confidence):
     training_errors_ : ndarray of shape (n_shapes,)
         Mean error of the match of each of them, refined if the learner refines; NaN also where no
         known pair leads to one of the vertices at which errors were observed.
+    share_between_ : float
+        Errors from one left-out shape to another, as a share of the root of the squares of their
+        errors to the reference: below 1 where shapes err alike. 1 where no two were left out
+        together.
 
     Examples
     --------
@@ -128,6 +140,9 @@ class CrossFitConfidence(Confidence):
     >>> learner.set_params(confidence__cv=2).confidence
     CrossFitConfidence(cv=2)
     """
+
+    # Of models that were saved before there were matches between new shapes.
+    share_between_: float = 1.0
 
     def __init__(self, cv: int = 3) -> None:
         self.cv = cv
@@ -180,6 +195,9 @@ class CrossFitConfidence(Confidence):
             for kind in seen[0].observations
         }
         kind = UNREFINED if matcher.refinement is None else REFINED
+        observations = [one.observations[kind] for one in seen]
+        groups = np.repeat(np.arange(n_folds), [len(rows) for rows in folds])
+        self.share_between_ = _share_between(observations, groups, training.reference, watch)
         self.misfits_, self.training_errors_ = np.full((2, training.n_given), np.nan)
         self.misfits_[training.indices[order]] = [one.residual for one in seen]
         self.training_errors_[training.indices[order]] = [
@@ -220,6 +238,10 @@ class CrossFitConfidence(Confidence):
             REFINED if REFINED in self.error_models_ else UNREFINED
         ].mean_error
 
+    def share_between(self) -> float:
+        """Return what training shapes that were left out together show."""
+        return self.share_between_
+
 
 class _Seen(NamedTuple):
     """What one training shape showed.
@@ -252,6 +274,30 @@ def _observe(matcher: Matcher, shape: ProbedShape, observed: Observed, watch: Wa
         for kind, match in matches.items()
     }
     return _Seen(seen, solution.residual, embedding_distance(shape, before))
+
+
+def _share_between(
+    observations: list[Observation], groups: IntArray, reference: ProbedShape, watch: Watch
+) -> float:
+    """Return the errors between shapes of one group, as a share of both errors to the reference.
+
+    Two shapes are apart by the difference of where they put a point of the reference.
+    """
+    vertices, n = reference.spectral.vertices, len(watch.vertices)
+    off, known = np.zeros((len(observations), n, 3)), np.zeros((len(observations), n), dtype=bool)
+    for i, one in enumerate(observations):
+        counts = np.bincount(one.watched, minlength=n)
+        there = vertices[one.matched] - vertices[watch.vertices[one.watched]]
+        for axis in range(3):
+            off[i, :, axis] = np.bincount(one.watched, there[:, axis], n) / np.maximum(counts, 1)
+        known[i] = counts > 0
+    apart = unrelated = 0.0
+    for i, j in combinations(range(len(observations)), 2):
+        if groups[i] == groups[j]:
+            first, second = off[[i, j]][:, known[i] & known[j]]
+            apart += float(np.linalg.norm(first - second, axis=1).sum())
+            unrelated += float(np.sqrt(np.square(first).sum(1) + np.square(second).sum(1)).sum())
+    return apart / unrelated if unrelated > 0 else 1.0
 
 
 def _with_error_of_pairs(observation: Observation, error: float) -> Observation:
