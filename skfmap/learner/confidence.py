@@ -1,6 +1,7 @@
 """Errors to expect of matches, from training shapes that were left out of the learning in turn."""
 
 from abc import ABC, abstractmethod
+from collections.abc import Sequence
 from dataclasses import replace
 from itertools import combinations
 from typing import NamedTuple, Self
@@ -128,9 +129,8 @@ class CrossFitConfidence(Confidence):
         Mean error of the match of each of them, refined if the learner refines; NaN also where no
         known pair leads to one of the vertices at which errors were observed.
     share_between_ : float
-        Errors from one left-out shape to another, as a share of the root of the squares of their
-        errors to the reference: below 1 where shapes err alike. 1 where no two were left out
-        together.
+        Errors from one left-out shape to another, as a share of the root of the squares of the
+        errors to expect of both: below 1 where shapes err alike. 1 where there are no two.
 
     Examples
     --------
@@ -195,9 +195,12 @@ class CrossFitConfidence(Confidence):
             for kind in seen[0].observations
         }
         kind = UNREFINED if matcher.refinement is None else REFINED
-        observations = [one.observations[kind] for one in seen]
-        groups = np.repeat(np.arange(n_folds), [len(rows) for rows in folds])
-        self.share_between_ = _share_between(observations, groups, training.reference, watch)
+        self.share_between_ = _share_between(
+            [one.observations[kind] for one in seen],
+            self.error_models_[kind],
+            training.reference.spectral.vertices,
+            watch,
+        )
         self.misfits_, self.training_errors_ = np.full((2, training.n_given), np.nan)
         self.misfits_[training.indices[order]] = [one.residual for one in seen]
         self.training_errors_[training.indices[order]] = [
@@ -277,27 +280,36 @@ def _observe(matcher: Matcher, shape: ProbedShape, observed: Observed, watch: Wa
 
 
 def _share_between(
-    observations: list[Observation], groups: IntArray, reference: ProbedShape, watch: Watch
+    observations: Sequence[Observation], model: ErrorModel, vertices_0: FloatArray, watch: Watch
 ) -> float:
-    """Return the errors between shapes of one group, as a share of both errors to the reference.
+    """Return the errors between shapes, as a share of the root of the squares of those to expect.
 
     Two shapes are apart by the difference of where they put a point of the reference.
     """
-    vertices, n = reference.spectral.vertices, len(watch.vertices)
-    off, known = np.zeros((len(observations), n, 3)), np.zeros((len(observations), n), dtype=bool)
-    for i, one in enumerate(observations):
-        counts = np.bincount(one.watched, minlength=n)
-        there = vertices[one.matched] - vertices[watch.vertices[one.watched]]
-        for axis in range(3):
-            off[i, :, axis] = np.bincount(one.watched, there[:, axis], n) / np.maximum(counts, 1)
-        known[i] = counts > 0
+    off, lengths, errors, expected = [], 0.0, 0.0, []
+    for one in observations:
+        there = vertices_0[one.matched] - vertices_0[watch.vertices[one.watched]]
+        off.append(_at_watched(one, there, watch))
+        lengths += float(np.linalg.norm(there, axis=1).sum())
+        errors += float(one.errors.sum())
+        said, _ = model.predict(one.signs, one.matched, 0.0)
+        expected.append(_at_watched(one, said[:, None], watch)[:, 0])
     apart = unrelated = 0.0
     for i, j in combinations(range(len(observations)), 2):
-        if groups[i] == groups[j]:
-            first, second = off[[i, j]][:, known[i] & known[j]]
-            apart += float(np.linalg.norm(first - second, axis=1).sum())
-            unrelated += float(np.sqrt(np.square(first).sum(1) + np.square(second).sum(1)).sum())
-    return apart / unrelated if unrelated > 0 else 1.0
+        both = np.flatnonzero(np.isfinite(expected[i]) & np.isfinite(expected[j]))
+        apart += float(np.linalg.norm(off[i][both] - off[j][both], axis=1).sum())
+        unrelated += float(np.hypot(expected[i][both], expected[j][both]).sum())
+    if not (unrelated > 0 and lengths > 0):
+        return 1.0
+    return (errors / lengths) * apart / unrelated  # errors go along the surface
+
+
+def _at_watched(observation: Observation, values: FloatArray, watch: Watch) -> FloatArray:
+    """Return the mean of rows at each watched vertex; NaN where there is none."""
+    n, rows = len(watch.vertices), observation.watched
+    sums = np.stack([np.bincount(rows, column, n) for column in values.T], axis=1)
+    counts = np.bincount(rows, minlength=n)[:, None]
+    return np.where(counts > 0, sums / np.maximum(counts, 1), np.nan)
 
 
 def _with_error_of_pairs(observation: Observation, error: float) -> Observation:
