@@ -12,6 +12,7 @@ from skfmap.learner import (
     WeightedFunctionalMapLearner,
     functional_maps,
     match,
+    match_between,
     predict_landmarks,
     register,
 )
@@ -41,6 +42,7 @@ __all__ = [
     "check_mesh",
     "functional_maps",
     "match",
+    "match_between",
     "predict_landmarks",
     "register",
     "repair_mesh",
