@@ -78,6 +78,10 @@ class WeightedFunctionalMapLearner(CallbackSupportMixin, Versioned, BaseEstimato
     no weighted probe sees a function. Two maps, opposite ways: the functional map pulls functions
     on the reference S_0 back to S_i; the point map sends points of S_i to S_0.
 
+    Parameters stand in four groups. Learning: `n_functions` to `tol`. Matching new shapes: `n_stable`
+    to `on_mirrored`. Confidence: `confidence`. Running: `on_invalid` to `verbose`. Start with the
+    defaults; `n_functions`, `refine` and `confidence` are what is changed most often.
+
     Parameters
     ----------
     n_functions : int, default=50
@@ -100,6 +104,21 @@ class WeightedFunctionalMapLearner(CallbackSupportMixin, Versioned, BaseEstimato
     normalize : {"shape", "reference"}, default="shape"
         Whether probe columns are scaled by each shape's own norms (section 2.1) or by those of the
         reference.
+    known_maps : {"auto", "pairs", "from-landmarks", "in-space"}, KnownMaps or None, default="auto"
+        Where the known maps of training shapes come from. ``"pairs"``, or None: from the pairs as
+        they are given, of which there must be at least ``n_functions``. ``"from-landmarks"``: for
+        shapes that share fewer than twice as many with the reference, but 8 landmarks or more,
+        dense maps are built (`skfmap.known_maps.FromLandmarks`). ``"in-space"``: likewise, for
+        stiff kinds (`skfmap.known_maps.InSpace`). ``"auto"`` decides by what is given, and says
+        what it did in ``known_maps_``.
+    reference : str, default="first"
+        ``"first"``: the first training shape. ``"medoid"``: the training shape whose geodesic
+        distances differ least from all others'. Else the name of a training shape.
+    max_iter : int, default=1000
+        Most iterations of L-BFGS.
+    tol : float, default=1e-4
+        Largest derivative of the mean singular value's loss in a log-weight at which the search has
+        converged.
     n_stable : int, float in (0, 1], or None
         p: how many stable functions the reduced map keeps, or their share of k; None is k // 2.
     matching : {"soft", "cut"}, default="soft"
@@ -117,6 +136,13 @@ class WeightedFunctionalMapLearner(CallbackSupportMixin, Versioned, BaseEstimato
         ``"register"`` (`skfmap.registration.Registration`) goes on in space, and lays the
         reference's mesh onto each shape: errors fall by another tenth to a quarter, and a match
         takes about a second more. None: not at all.
+    on_mirrored : {"warn", "reflect"}, default="warn"
+        What to do with shapes that are mirror images of what the reference is, as a right femur
+        among left ones: training shapes by their correspondences, new ones where equation (2) fits
+        the image much better. ``"reflect"`` learns from and matches their images, and says which
+        they are; answers are on the meshes as given. It needs oriented probes, or training shapes
+        so stiff that a similarity explains their correspondences. A body that is its own mirror
+        image stays as it is.
     confidence : {"cross-fit"}, Confidence or None, default="cross-fit"
         How errors to expect are found: ``"cross-fit"`` is `CrossFitConfidence`, which learns again
         for each of three folds. None: not at all; a fit then takes a third of the time, with
@@ -125,33 +151,11 @@ class WeightedFunctionalMapLearner(CallbackSupportMixin, Versioned, BaseEstimato
         (None) then, landmarks no ``expected_error``, ``radius`` and learned offset, and nothing
         warns of contradicting correspondences. Of unfamiliar shapes nothing warns but
         ``refine="register"``; without that ``familiar`` is None.
-    known_maps : {"auto", "pairs", "from-landmarks", "in-space"}, KnownMaps or None, default="auto"
-        Where the known maps of training shapes come from. ``"pairs"``, or None: from the pairs as
-        they are given, of which there must be at least ``n_functions``. ``"from-landmarks"``: for
-        shapes that share fewer than twice as many with the reference, but 8 landmarks or more,
-        dense maps are built (`skfmap.known_maps.FromLandmarks`). ``"in-space"``: likewise, for
-        stiff kinds (`skfmap.known_maps.InSpace`). ``"auto"`` decides by what is given, and says
-        what it did in ``known_maps_``.
-    reference : str, default="first"
-        ``"first"``: the first training shape. ``"medoid"``: the training shape whose geodesic
-        distances differ least from all others'. Else the name of a training shape.
     on_invalid : {"raise", "skip"}, default="raise"
         What to do with a training shape whose correspondence cannot be used: out of range, empty,
         without a point of the reference, or with too few points. ``"skip"`` leaves it out with a
         warning; the reference's always raises. Shapes that the steps before skipped are left out in
         any case.
-    on_mirrored : {"warn", "reflect"}, default="warn"
-        What to do with shapes that are mirror images of what the reference is, as a right femur
-        among left ones: training shapes by their correspondences, new ones where equation (2) fits
-        the image much better. ``"reflect"`` learns from and matches their images, and says which
-        they are; answers are on the meshes as given. It needs oriented probes, or training shapes
-        so stiff that a similarity explains their correspondences. A body that is its own mirror
-        image stays as it is.
-    max_iter : int, default=1000
-        Most iterations of L-BFGS.
-    tol : float, default=1e-4
-        Largest derivative of the mean singular value's loss in a log-weight at which the search has
-        converged.
     memory : str or joblib.Memory, optional
         Where ground-truth maps and geodesic distances are cached, so that the fits and scores of a
         search share them.
@@ -276,16 +280,16 @@ class WeightedFunctionalMapLearner(CallbackSupportMixin, Versioned, BaseEstimato
         alpha: float = 0.01,
         regularizer: str | Regularizer = "laplacian",
         normalize: str = "shape",
+        known_maps: str | KnownMaps | None = "auto",
+        reference: str = "first",
+        max_iter: int = 1000,
+        tol: float = 1e-4,
         n_stable: float | None = None,
         matching: str = "soft",
         refine: str | Refinement | None = "auto",
-        confidence: str | Confidence | None = "cross-fit",
-        known_maps: str | KnownMaps | None = "auto",
-        reference: str = "first",
-        on_invalid: str = "raise",
         on_mirrored: str = "warn",
-        max_iter: int = 1000,
-        tol: float = 1e-4,
+        confidence: str | Confidence | None = "cross-fit",
+        on_invalid: str = "raise",
         memory: MemoryLike = None,
         n_jobs: int | None = None,
         verbose: int = 0,
