@@ -78,9 +78,9 @@ class WeightedFunctionalMapLearner(CallbackSupportMixin, Versioned, BaseEstimato
     no weighted probe sees a function. Two maps, opposite ways: the functional map pulls functions
     on the reference S_0 back to S_i; the point map sends points of S_i to S_0.
 
-    Parameters stand in four groups. Learning: `n_functions` to `tol`. Matching new shapes: `n_stable`
-    to `on_mirrored`. Confidence: `confidence`. Running: `on_invalid` to `verbose`. Start with the
-    defaults; `n_functions`, `refine` and `confidence` are what is changed most often.
+    The parameters come in four groups. Learning: `n_functions` to `tol`. Matching new shapes:
+    `n_stable` to `on_mirrored`. Confidence: `confidence`. Running: `on_invalid` to `verbose`. Start
+    with the defaults; `n_functions`, `refine` and `confidence` are the ones most often changed.
 
     Parameters
     ----------
