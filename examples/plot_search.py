@@ -2,8 +2,8 @@
 Which parameters? A grid search
 ===============================
 
-Does it pay to learn weights? How many eigenfunctions are enough, and how many training shapes? Answers by
-cross-validation, with the same reference in every fold.
+Does it pay to learn weights? How many eigenfunctions are enough, and how many training shapes?
+Answers by cross-validation, with the same reference in every fold.
 """
 
 # %%
