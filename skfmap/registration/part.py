@@ -71,13 +71,13 @@ class Laid(NamedTuple):
     Attributes
     ----------
     vertices : ndarray of shape (n_vertices_0, 3)
-        Of the reference's working mesh.
+        Vertices of the reference's working mesh.
     n_flipped : int
-        Faces that are folded over.
+        Number of faces that are folded over.
     quality : Quality
-        How well they lie.
+        How well the vertices lie on the shape.
     fits : bool
-        Whether that is like training shapes.
+        Whether they lie as well as on training shapes.
     """
 
     vertices: FloatArray
@@ -87,47 +87,47 @@ class Laid(NamedTuple):
 
 
 class Registration(Refinement):
-    """Lay the reference's mesh onto each shape, and take points from there.
+    """Lay the reference's mesh onto each shape, and match points through it.
 
-    From a match, or where shapes are stiff from a similarity that space tells, the reference is
-    deformed as training shapes deform, and drawn to the closest points of the surface whose normals
-    agree, while it gets softer. The learner's word for it is ``refine="register"``;
-    `skfmap.register` returns the meshes.
+    It starts from a match or, for rigid shapes, from a similarity found in space. The reference is
+    then deformed as training shapes deform, and attracted by the closest points of the surface
+    whose normals agree, while it becomes softer. The learner's word for it is
+    ``refine="register"``; `skfmap.register` returns the meshes.
 
     Parameters
     ----------
     start : {"bijective-zoomout", "icp", "zoomout"}, Refinement or None, default="bijective-zoomout"
-        The match that it begins with. None: the one that was learned.
+        The match to start from. None: the learned match, without refinement.
     deformation : {"learned", "as-rigid-as-possible"}, default="learned"
-        What is at rest: the mean and the principal components of how training shapes are stretched,
-        whatever their pose, or the reference alone.
+        Which deformations cost nothing: the mean and the principal components of the stretch of
+        training shapes, whatever their pose; or none, relative to the reference.
     stiffness : float or "auto", default="auto"
-        How much the mesh resists, in the end, beside a mean of 1 with which the surface draws each
-        vertex. ``"auto"`` lets training shapes choose among 30, 3, 0.3 and 0.03.
+        How much the mesh resists in the end, relative to the attraction of each vertex by the
+        surface, whose mean is 1. ``"auto"`` lets training shapes choose from 30, 3, 0.3 and 0.03.
     pose : {"auto", "free", "similarity"}, default="auto"
-        ``"similarity"``: shapes are alike but for where they are, how they are turned, and their
-        size, as bones are; the start is then found in space, over all turns. ``"auto"`` asks the
-        known pairs of the training shapes whether a similarity leaves 2 % of their squares or less.
+        ``"similarity"``: shapes differ little except in position, rotation and size, as bones do;
+        the start is then found in space, over all rotations. ``"auto"`` checks whether a similarity
+        explains all but 2 % of the sum of squares of the known pairs of the training shapes.
 
     Attributes
     ----------
     start_ : Refinement or None
         The fitted start.
     deformation_ : Deformation
-        What was learned; a few MB.
+        The learned model of deformation; a few MB.
     stiffness_, pose_ : float, str
         What was chosen.
     choices_ : dict of float
-        Mean distance, in sqrt(area), of known places from where they belong on training shapes left
-        out of the deformation, by stiffness.
+        Mean error, in sqrt(area), of known places on training shapes that were left out of the
+        deformation model, for each stiffness.
     limits_ : Limits
-        By which a shape is told that the reference does not fit.
+        Limits beyond which the reference does not fit a shape.
 
     Notes
     -----
-    Training shapes of any weight above 0 count alike, and are registered by their known pairs. A
-    shape that the stiffness is chosen by is left out of the model of deformation; the match that
-    it begins with is not learned anew.
+    Training shapes of any weight above 0 count equally, and are registered by their known pairs.
+    Each shape that is used to choose the stiffness is left out of the deformation model; the match
+    that it starts with is not learned again.
 
     Examples
     --------
