@@ -3,10 +3,13 @@
 from collections.abc import Iterable
 from pathlib import Path
 
-__all__ = ["MESH_SUFFIXES", "READ_SUFFIXES", "remedy_for", "unread_formats"]
+__all__ = ["MESH_SUFFIXES", "READ_SUFFIXES", "WRITTEN_SUFFIXES", "remedy_for", "unread_formats"]
 
 MESH_SUFFIXES = (".off", ".obj", ".ply", ".stl")
-"""Formats that are read and written."""
+"""Formats that others are copies of for viewing, where both are there."""
+
+WRITTEN_SUFFIXES = (*MESH_SUFFIXES, ".glb", ".vtk", ".vtp")
+"""Formats that are written."""
 
 READ_SUFFIXES = (*MESH_SUFFIXES, ".glb", ".gltf", ".vtk", ".vtp")
 """Formats that are read."""

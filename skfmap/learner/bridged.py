@@ -21,6 +21,7 @@ from skfmap._version import Versioned
 from skfmap.functional.ground_truth import map_from_pairs
 from skfmap.functional.regularization import laplacian_mask
 from skfmap.functional.residuals import residual_covariance
+from skfmap.learner.about_meshes import with_meshes
 from skfmap.learner.across import Across, cross_over
 from skfmap.learner.confidence import Confidence
 from skfmap.learner.diagnostics import diagnose_new_shapes, is_mirrored, report
@@ -215,7 +216,7 @@ class BridgedLearner(Versioned, BaseEstimator):
         familiar = [match.familiar for match in matches]
         report(diagnose_new_shapes(usable, [is_mirrored(one) for one in direct], familiar))
         return put_back(
-            matches,
+            with_meshes(matches, usable.shapes, matcher.reference),
             usable,
             lambda one: no_match(one, matcher, assessed=self.confidence_ is not None),
         )

@@ -24,6 +24,7 @@ from skfmap.functional.regularization import Regularizer
 from skfmap.functional.stable_basis import missed_by_maps
 from skfmap.ground_truth import join_with_reference, known_maps, warn_of_coverage
 from skfmap.known_maps import KnownMaps, KnownMapsRecord
+from skfmap.learner.about_meshes import with_meshes
 from skfmap.learner.confidence import Confidence
 from skfmap.learner.diagnostics import (
     Finding,
@@ -514,7 +515,7 @@ class WeightedFunctionalMapLearner(CallbackSupportMixin, Versioned, BaseEstimato
         report(diagnose_new_shapes(usable, mirrored, familiar, misfits))
         assessed = self.confidence_ is not None
         return put_back(
-            [one.match for one in found],
+            with_meshes([one.match for one in found], usable.shapes, self.reference_),
             usable,
             lambda skipped: no_match(skipped, self.matcher_, assessed=assessed),
         )

@@ -116,8 +116,8 @@ def write_functions_page(
 def write_matches_page(
     path: str | Path,
     matches: Sequence[Match],
-    meshes: Sequence[Any],
-    reference: Any,
+    meshes: Sequence[Any] | None = None,
+    reference: Any = None,
     *,
     show: Sequence[str] | None = None,
     errors: Sequence[PairErrors] | None = None,

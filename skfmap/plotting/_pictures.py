@@ -152,8 +152,8 @@ def plot_functions(
 
 def plot_matches(
     matches: Sequence[Match],
-    meshes: Sequence[Any],
-    reference: Any,
+    meshes: Sequence[Any] | None = None,
+    reference: Any = None,
     *,
     show: Sequence[str] | None = None,
     errors: Sequence[PairErrors] | None = None,
@@ -170,11 +170,11 @@ def plot_matches(
     ----------
     matches : sequence of Match
         From `skfmap.match`.
-    meshes : sequence of meshes
-        The matched shapes: whatever a mesh may be, paths included.
-    reference : mesh
-        The reference, ``learner.reference_.spectral.mesh``; its colours tell where on it a vertex
-        is.
+    meshes : sequence of meshes, optional
+        The matched shapes: whatever a mesh may be, paths included; those that the matches know by
+        default.
+    reference : mesh, optional
+        The reference, whose colours tell where on it a vertex is; that of the matches by default.
     show : sequence of {"match", "expected error", "confidence", "true error"}, optional
         The rows; by default the match, and its expected error if it has one.
     errors : sequence of PairErrors, optional
