@@ -69,6 +69,11 @@ __all__ = ["WeightedFunctionalMapLearner"]
 class WeightedFunctionalMapLearner(CallbackSupportMixin, Versioned, BaseEstimator):
     r"""Learn probe weights D and a stable basis Y from shapes with known correspondences.
 
+    It is the last step of a pipeline. ``predict``, which pipelines and searches have too, returns
+    the reduced functional maps of the paper, arrays of shape (n_shapes, k, p). Point maps, with
+    errors to expect, are asked for by ``skfmap.match(model, X)``: a Pipeline passes no method
+    ``match`` on to its last step.
+
     For a new shape S_i, the functional map is (equation 2 of the paper)
 
     .. math:: X_i(D) = \arg\min_C \|(C G_0 - G_i) D\|_F^2 + \alpha \|C \odot W\|_F^2

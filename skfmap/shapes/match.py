@@ -185,6 +185,28 @@ class Match:
         extras = {"landmarks": landmarks, "uv": uv, "texture": texture}
         return outlets.save_match(self, path, **extras, overwrite=overwrite)
 
+    def plot(self, *, interactive: bool = False, **options: Any) -> Any:
+        """Draw the match: colours carried from the reference, and how far to trust them.
+
+        Parameters
+        ----------
+        interactive : bool, default=False
+            Whether it is a page to turn the shapes in, which a notebook shows; plotly draws it
+            (``pip install 'skfmap[pages]'``).
+        **options : optional
+            As in `skfmap.plotting.plot_matches`: ``show``, ``errors``, ``camera``, ``align``, and
+            ``path`` for a picture.
+
+        Returns
+        -------
+        matplotlib Figure or skfmap.plotting.Page
+            The picture, or the page.
+        """
+        return outlets.plot_match(self, interactive=interactive, **options)
+
+    def _repr_html_(self) -> str:
+        return outlets.html_of(self)
+
     def transfer(self, values: object, *, max_error: float | None = None) -> Any:
         """Carry a function, labels or texture coordinates from the reference to this shape.
 

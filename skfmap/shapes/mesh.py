@@ -98,6 +98,9 @@ class Mesh:
         """Hash of vertices and faces, not of the name: what caches are keyed by."""
         return hash_of_arrays(self.vertices, self.faces)
 
+    def _repr_html_(self) -> str:
+        return outlets.html_of(self)
+
     def to_trimesh(self) -> Any:
         """Return it as a `trimesh.Trimesh` of the same vertices in the same order, a copy."""
         return outlets.to_trimesh(self)

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from skfmap.shapes.match import Match
     from skfmap.shapes.mesh import Mesh
 
-__all__ = ["open_mesh", "save_match", "to_pyvista", "to_trimesh"]
+__all__ = ["html_of", "open_mesh", "plot_match", "save_match", "to_pyvista", "to_trimesh"]
 
 
 def open_mesh(given: "GivenMesh | None", what: str) -> "Mesh":
@@ -38,6 +38,20 @@ def save_match(match: "Match", path: str | Path, **options: Any) -> list[Path]:
     from skfmap.io.matches import save_match as save  # noqa: PLC0415
 
     return save(match, path, **options)
+
+
+def plot_match(match: "Match", *, interactive: bool, **options: Any) -> Any:
+    """Draw a match: a figure of matplotlib, or a page to turn the shapes in."""
+    from skfmap.plotting import matches_page, plot_matches  # noqa: PLC0415
+
+    return (matches_page if interactive else plot_matches)([match], **options)
+
+
+def html_of(item: Any) -> str:
+    """Return what a notebook shows of a shape, a match or a collection."""
+    from skfmap.plotting._notebook import html_of as show  # noqa: PLC0415
+
+    return show(item)
 
 
 def to_trimesh(mesh: "Mesh") -> Any:
