@@ -323,6 +323,25 @@ def test_one_table_has_the_landmarks_of_all_specimens(marked, broken, tmp_path):
     assert expected == sorted(expected, reverse=True)
 
 
+# numbers
+
+
+def test_vertices_correspond_by_number_where_that_is_said(collection, tmp_path, capsys):
+    """Other faces, and a file beside them that would say something else."""
+    body = collection.meshes[0]
+    bent = [Mesh(body.vertices * [1, 1, 1 + i / 20], body.faces, f"bent{i}") for i in range(2)]
+    other = Mesh(body.vertices, body.faces[:-1], "bent2")
+    folder = _write(tmp_path / "bent", [*bent, other])
+    (folder / "bent0.txt").write_text("0 0\n")
+    assert run("check", folder) == 1
+    assert "by number" not in capsys.readouterr().out
+    assert run("check", folder, "--by-number") == 0
+    assert "vertices correspond by number" in capsys.readouterr().out
+    model = tmp_path / "model.skops"
+    assert run("train", folder, "-o", model, "--by-number", "--no-evaluation", *_SMALL) == 0
+    assert len(load_model(model)[-1].reference_correspondence_.pairs) == body.n_vertices
+
+
 # convert
 
 

@@ -1,21 +1,23 @@
 """The main job: learn on a collection, leave shapes out, and show what learning buys."""
 
 import argparse
+import shlex
 import tempfile
 import time
 import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
-import joblib
 import numpy as np
 from sklearn.pipeline import make_pipeline
 from sklearn.utils import Bunch
 
 from skfmap._tools.validation import check_number
 from skfmap.basis import SpectralBasis
+from skfmap.commands.inputs import add_by_number, write_model
 from skfmap.datasets import load_collection, make_creatures
 from skfmap.descriptors import DescriptorTransformer
 from skfmap.exceptions import (
@@ -83,6 +85,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--reference", help="name of the reference (default: the first in natural order)"
     )
+    add_by_number(parser)
     parser.add_argument(
         "--folds",
         type=int,
@@ -171,7 +174,9 @@ def _run(options: argparse.Namespace) -> None:
                 "training per fold",
                 flush=True,
             )
-        print("\n" + _table(results) + "\n" + _summary(results))
+        text = f"{_table(results)}\n{_summary(results)}"
+        (options.output / "errors.txt").write_text(f"{text}\n", encoding="utf-8")
+        print(f"\n{text}")
         _save(collection, shapes, left_out, results, options, memory)
 
 
@@ -183,7 +188,11 @@ def _collection(options: argparse.Namespace) -> Bunch:
     else:
         print(f"Reading {options.folder} ...", flush=True)
         collection = load_collection(
-            options.folder, options.pattern, options.reference, on_invalid=options.on_invalid
+            options.folder,
+            options.pattern,
+            options.reference,
+            on_invalid=options.on_invalid,
+            by_number=options.by_number,
         )
     counts = [mesh.n_vertices for mesh in collection.meshes if isinstance(mesh, Mesh)]
     print(
@@ -362,9 +371,8 @@ def _save(
     options: argparse.Namespace,
     memory: Path,
 ) -> None:
-    picture, model, report = (
-        options.output / name for name in ("matches.png", "model.joblib", "report.html")
-    )
+    picture, report = (options.output / name for name in ("matches.png", "report.html"))
+    model = options.output / f"model{'.skops' if find_spec('skops') else '.joblib'}"
     result, camera = results[_SHOWN], Camera(options.up)
     captions = [
         f"error {100 * errors.mean('direct'):.1f} % of sqrt(area)"
@@ -390,11 +398,11 @@ def _save(
         step.set_params(memory=None, n_jobs=None) for step in (*_transformers(options), learner)
     )
     basis.set_params(n_components=shapes[0].spectral.n_components)
-    joblib.dump(make_pipeline(basis, probes, learner), model)
+    write_model(make_pipeline(basis, probes, learner), model)
     print(f"\nReport, to open in a browser: {report}")
     print(f"Picture of the matches (weighting {_SHOWN!r}, refined): {picture}")
     print(f"Model trained on all {len(shapes)} shapes: {model}. To match a new shape with it:")
-    print(f'    model = joblib.load("{model}"); matches = skfmap.match(model, ["new.ply"])')
+    print(f"    {options.program} match {shlex.quote(str(model))} NEW.ply -o out")
 
 
 def _since(started: float) -> str:
