@@ -26,6 +26,7 @@ from skfmap._tools.warn import warn
 from skfmap.exceptions import MeshError, RepairWarning
 from skfmap.geometry.faults import sound_faces
 from skfmap.geometry.polygons import triangulate
+from skfmap.io.brains import FREESURFER_SUFFIXES, read_freesurfer, read_gifti
 from skfmap.io.formats import READ_SUFFIXES, WRITTEN_SUFFIXES, remedy_for
 from skfmap.io.obj import read_obj
 from skfmap.io.off import read_off
@@ -60,6 +61,8 @@ _OWN_READERS = {
     ".ply": read_ply,
     ".vtk": read_vtk,
     ".vtp": read_vtp,
+    ".gii": read_gifti,
+    **dict.fromkeys(FREESURFER_SUFFIXES, read_freesurfer),
 }
 _OTHER_READERS = {".stl": read_stl, ".glb": read_gltf, ".gltf": read_gltf}
 
@@ -87,7 +90,8 @@ MeshLike: TypeAlias = Mesh | SkippedShape | TrimeshLike | Sequence[npt.ArrayLike
 def read_mesh(path: str | Path) -> Mesh:
     """Read a mesh from a file; vertices keep their number and their order.
 
-    OFF, OBJ, PLY, STL, GLB, GLTF, and surfaces of VTK (.vtk, .vtp).
+    OFF, OBJ, PLY, STL, GLB, GLTF, surfaces of VTK (.vtk, .vtp), and those of brains: GIFTI
+    (.surf.gii), and FreeSurfer's (.pial, .white and others) in its surface coordinates.
 
     STL files have no vertex numbers: there, corners at exactly one position become one vertex,
     numbered by first appearance. Faces of more than three corners are cut into triangles that cover
