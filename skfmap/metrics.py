@@ -27,7 +27,7 @@ from skfmap._measures import (
     reference_distances,
     singular_value_profile,
 )
-from skfmap._tools.types import Model
+from skfmap._tools.types import DistanceMethod, ErrorKind, Model
 from skfmap._tools.unwrap import learner_and_shapes
 from skfmap._tools.validation import check_choice, check_sample_weight
 from skfmap.exceptions import CorrespondenceError
@@ -59,7 +59,7 @@ def matching_errors(
     X: Sequence[Any],
     y: Sequence[Answer],
     *,
-    method: str = "heat",
+    method: DistanceMethod = "heat",
     reference_y: Answer | None = None,
 ) -> list[PairErrors]:
     """Match shapes with a fitted model and return the errors of each."""
@@ -67,7 +67,7 @@ def matching_errors(
     return list(learner.pair_errors(shapes, y, method=method, reference_y=reference_y))
 
 
-_SCORERS = {
+_SCORERS: dict[str, ErrorKind] = {
     "neg_geodesic_error": "direct",
     "neg_consistent_geodesic_error": "consistent",
     "neg_per_vertex_geodesic_error": "per_vertex",
@@ -78,7 +78,7 @@ _SCORERS = {
 class _GeodesicScorer:
     """A scorer: minus the mean error of one kind, over the shapes."""
 
-    kind: str
+    kind: ErrorKind
     reference_y: Answer | None = None
 
     def __call__(

@@ -15,6 +15,7 @@ import numpy as np
 from sklearn.pipeline import make_pipeline
 from sklearn.utils import Bunch
 
+from skfmap._tools.types import WeightingWord
 from skfmap._tools.validation import check_number
 from skfmap.basis import SpectralBasis
 from skfmap.commands.inputs import add_by_number, write_model
@@ -46,7 +47,7 @@ _MATCHINGS: dict[str, dict[str, Any]] = {
 
 
 # What the report and the pictures are of.
-_SHOWN = "function"
+_SHOWN: WeightingWord = "function"
 
 _GO_ON = " (--on-invalid skip goes on without what cannot be used, but for the reference.)"
 
@@ -161,7 +162,7 @@ def _run(options: argparse.Namespace) -> None:
     _measure(shapes[0], scored[0], options)
     names = ", ".join(collection.names[i] for i in left_out)
     print(f"Leaving out one at a time: {names}. Reference: {collection.names[0]}.", flush=True)
-    results: dict[str | None, _Result] = {}
+    results: dict[WeightingWord | None, _Result] = {}
     with tempfile.TemporaryDirectory() as scratch:
         # Fits share known maps and distances.
         memory = options.cache or Path(scratch)
@@ -288,7 +289,7 @@ def _cross_validate(
     truths: list[Correspondence],
     scored: list[Correspondence],
     left_out: list[int],
-    weighting: str | None,
+    weighting: WeightingWord | None,
     options: argparse.Namespace,
     memory: Path,
 ) -> _Result:
@@ -323,7 +324,7 @@ def _cross_validate(
     return result
 
 
-def _table(results: dict[str | None, _Result]) -> str:
+def _table(results: dict[WeightingWord | None, _Result]) -> str:
     """Return the table: weighting against error of full, reduced and soft maps."""
     symmetric = all(
         e.symmetric is not None for result in results.values() for e in result.errors["full"]
@@ -349,7 +350,7 @@ def _table(results: dict[str | None, _Result]) -> str:
     return "\n".join(lines)
 
 
-def _summary(results: dict[str | None, _Result]) -> str:
+def _summary(results: dict[WeightingWord | None, _Result]) -> str:
     """Return in one line what learning changed."""
     changes = []
     for name in _MATCHINGS:
@@ -367,7 +368,7 @@ def _save(
     collection: Bunch,
     shapes: list[ProbedShape],
     left_out: list[int],
-    results: dict[str | None, _Result],
+    results: dict[WeightingWord | None, _Result],
     options: argparse.Namespace,
     memory: Path,
 ) -> None:

@@ -13,6 +13,7 @@ from sklearn.pipeline import Pipeline, make_pipeline
 from sklearn.utils import Bunch
 
 from skfmap._tools.parallel import tell
+from skfmap._tools.types import RaiseOrSkip
 from skfmap._tools.validation import check_number
 from skfmap.basis import ON_INVALID, SpectralBasis
 from skfmap.commands.inputs import add_by_number, check_model_path, write_model
@@ -154,7 +155,7 @@ def _steps(collection: Bunch, options: argparse.Namespace) -> tuple[Any, Any, An
     """Return basis, probes and learner, unfitted."""
     n_functions, n_components = _sizes(collection, options)
     shared = {"memory": options.memory, "n_jobs": options.jobs}
-    skips = "skip" if options.on_invalid == "skip" else "raise"
+    skips: RaiseOrSkip = "skip" if options.on_invalid == "skip" else "raise"
     basis = SpectralBasis(
         n_components,
         laplacian=options.laplacian,

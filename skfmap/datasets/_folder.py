@@ -7,7 +7,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from skfmap._tools.types import Array, BoolArray, FloatArray, IntArray
+from skfmap._tools.types import (
+    Array,
+    BoolArray,
+    FloatArray,
+    IntArray,
+    OnInvalid,
+)
 from skfmap._tools.validation import check_choice, check_index_range
 from skfmap._tools.warn import warn
 from skfmap.datasets._collection import Collection
@@ -42,7 +48,7 @@ def load_collection(
     pattern: str = "*",
     reference: str | None = None,
     *,
-    on_invalid: str = "mend",
+    on_invalid: OnInvalid = "mend",
     by_number: bool = False,
 ) -> Collection:
     """Load the meshes of a folder with their correspondences, the reference first.

@@ -15,7 +15,13 @@ from skfmap._measures import PairErrors, mean_over_shapes
 from skfmap._tools.callbacks import FitTask
 from skfmap._tools.parallel import map_shapes
 from skfmap._tools.ties import first_of_least
-from skfmap._tools.types import FloatArray, IntArray
+from skfmap._tools.types import (
+    DistanceMethod,
+    FloatArray,
+    IntArray,
+    Interpolation,
+    RefineOverride,
+)
 from skfmap._tools.validation import check_sample_weight
 from skfmap._version import Versioned
 from skfmap.functional.ground_truth import map_from_pairs
@@ -185,8 +191,8 @@ class BridgedLearner(Versioned, BaseEstimator):
         self,
         X: Sequence[ProbedItem],
         *,
-        refine: str | Refinement | None = "fitted",
-        interpolate: str | None = None,
+        refine: RefineOverride | Refinement | None = "fitted",
+        interpolate: Interpolation = None,
     ) -> list[Match]:
         """Match the points of each shape to those of the reference, through the bridge.
 
@@ -251,7 +257,7 @@ class BridgedLearner(Versioned, BaseEstimator):
         X: Sequence[ProbedItem],
         y: Sequence[Answer],
         *,
-        method: str = "heat",
+        method: DistanceMethod = "heat",
         reference_y: Answer | None = None,
         **how: Any,
     ) -> list[PairErrors]:

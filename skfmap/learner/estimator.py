@@ -3,7 +3,7 @@
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
-from typing import Any, Self
+from typing import Any, Literal, Self
 
 import numpy as np
 from joblib import cpu_count, effective_n_jobs
@@ -16,7 +16,24 @@ from skfmap._tools.caching import MemoryLike
 from skfmap._tools.callbacks import CallbackSupportMixin, FitTask, with_callbacks
 from skfmap._tools.fitted import fitted_attribute
 from skfmap._tools.parallel import map_shapes, single_threaded, tell
-from skfmap._tools.types import Array, FloatArray, IntArray
+from skfmap._tools.types import (
+    Array,
+    Confidences,
+    DistanceMethod,
+    FloatArray,
+    IntArray,
+    Interpolation,
+    KnownMapsWord,
+    Matching,
+    MatchingOverride,
+    Normalize,
+    OnMirrored,
+    RaiseOrSkip,
+    RefineOverride,
+    RefineWord,
+    RegularizerWord,
+    Weighting,
+)
 from skfmap._tools.validation import check_choice, check_number, check_sample_weight, label
 from skfmap._version import Versioned
 from skfmap.functional.learning import LearnedMaps
@@ -57,7 +74,7 @@ from skfmap.learner.parameters import (
 from skfmap.learner.parts import check_part_is_object, fit_part
 from skfmap.learner.predicted_landmarks import LandmarkPredictor
 from skfmap.learner.scoring import score_point_maps
-from skfmap.learner.training_set import FitRecord, TrainingSet, Weighting
+from skfmap.learner.training_set import FitRecord, TrainingSet
 from skfmap.refinement import Refinement
 from skfmap.registration import Registration
 from skfmap.shapes import Correspondence, Landmarks, Match, ProbedShape, Registered
@@ -243,8 +260,8 @@ class WeightedFunctionalMapLearner(CallbackSupportMixin, Versioned, BaseEstimato
     """
 
     # Of models that were saved before this was a parameter.
-    on_mirrored: str = "warn"
-    known_maps: str | KnownMaps | None = "auto"
+    on_mirrored: OnMirrored = "warn"
+    known_maps: KnownMapsWord | KnownMaps | None = "auto"
 
     matcher_: Matcher
     confidence_: Confidence | None
@@ -278,18 +295,18 @@ class WeightedFunctionalMapLearner(CallbackSupportMixin, Versioned, BaseEstimato
         *,
         n_functions: int = 50,
         weighting: Weighting = "function",
-        epsilon: float | str = "auto",
+        epsilon: float | Literal["auto"] = "auto",
         alpha: float = 0.01,
-        regularizer: str | Regularizer = "laplacian",
-        normalize: str = "shape",
+        regularizer: RegularizerWord | Regularizer = "laplacian",
+        normalize: Normalize = "shape",
         n_stable: float | None = None,
-        matching: str = "soft",
-        refine: str | Refinement | None = "auto",
-        confidence: str | Confidence | None = "cross-fit",
-        known_maps: str | KnownMaps | None = "auto",
+        matching: Matching = "soft",
+        refine: RefineWord | Refinement | None = "auto",
+        confidence: Confidences | Confidence | None = "cross-fit",
+        known_maps: KnownMapsWord | KnownMaps | None = "auto",
         reference: str = "first",
-        on_invalid: str = "raise",
-        on_mirrored: str = "warn",
+        on_invalid: RaiseOrSkip = "raise",
+        on_mirrored: OnMirrored = "warn",
         max_iter: int = 1000,
         tol: float = 1e-4,
         memory: MemoryLike = None,
@@ -476,8 +493,8 @@ class WeightedFunctionalMapLearner(CallbackSupportMixin, Versioned, BaseEstimato
         self,
         X: Sequence[ProbedItem],
         *,
-        refine: str | Refinement | None = "fitted",
-        interpolate: str | None = None,
+        refine: RefineOverride | Refinement | None = "fitted",
+        interpolate: Interpolation = None,
     ) -> list[Match]:
         """Match the points of each shape to those of the reference, in the stable functions.
 
@@ -639,9 +656,9 @@ class WeightedFunctionalMapLearner(CallbackSupportMixin, Versioned, BaseEstimato
         self,
         X: Sequence[ProbedItem],
         *,
-        matching: str = "fitted",
-        n_stable: float | str | None = "fitted",
-        refine: str | Refinement | None = "fitted",
+        matching: MatchingOverride = "fitted",
+        n_stable: float | Literal["fitted"] | None = "fitted",
+        refine: RefineOverride | Refinement | None = "fitted",
     ) -> list[IntArray]:
         """Return point maps alone, in other functions than the parameters say if asked.
 
@@ -686,10 +703,10 @@ class WeightedFunctionalMapLearner(CallbackSupportMixin, Versioned, BaseEstimato
         X: Sequence[ProbedItem],
         y: Sequence[Answer],
         *,
-        method: str = "heat",
-        matching: str = "fitted",
-        n_stable: float | str | None = "fitted",
-        refine: str | Refinement | None = "fitted",
+        method: DistanceMethod = "heat",
+        matching: MatchingOverride = "fitted",
+        n_stable: float | Literal["fitted"] | None = "fitted",
+        refine: RefineOverride | Refinement | None = "fitted",
         reference_y: Answer | None = None,
     ) -> list[PairErrors]:
         """Match shapes of known correspondence and return the error at each pair.
