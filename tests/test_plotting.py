@@ -115,6 +115,36 @@ def test_light_does_not_change_with_the_side_that_is_seen():
     np.testing.assert_allclose(colours[0], colours[1])
 
 
+def test_no_error_is_beyond_its_scale(fitted, probed, collection, matched):
+    matches, meshes, reference = matched
+    (errors,) = fitted.pair_errors(probed[5:], collection.truths[5:])
+    far = replace(errors, direct=errors.direct + np.where(np.arange(len(errors.direct)) == 7, 1, 0))
+    scene = scene_of_matches(
+        matches,
+        meshes,
+        reference,
+        show=("expected error",),
+        errors=[far],
+        captions=None,
+        camera=None,
+        align=True,
+    )
+    (_, panel), (expected, true) = scene.panels, scene.scales
+    assert expected.high == true.high == np.nanmax(panel.values[1])
+    assert true.high > matches[0].expected_error.max()
+    alone = scene_of_matches(
+        matches,
+        meshes,
+        reference,
+        show=("expected error",),
+        errors=None,
+        captions=None,
+        camera=None,
+        align=True,
+    )
+    assert alone.scales[0].high == pytest.approx(max(0.02, matches[0].expected_error.max()))
+
+
 # Pictures
 
 

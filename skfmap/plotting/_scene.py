@@ -202,8 +202,10 @@ def scene_of_matches(
                 "leave that out of show."
             )
         panels.append(Panel(mesh, points, caption, tuple(values[what] for what in show)))
-    expected = [match.expected_error for match in matches if match.expected_error is not None]
-    largest = [float(np.nanmax(errors)) for errors in expected if not np.isnan(errors).all()]
+    # Expected and true errors share a scale, which ends at the largest that is shown.
+    in_errors = [row for row, what in enumerate(show) if what in ("expected error", "true error")]
+    shown = [panel.values[row] for panel in panels[1:] for row in in_errors]
+    largest = [float(np.nanmax(one)) for one in shown if not np.isnan(one).all()]
     worst = max([_SHORTEST_SCALE, *largest])
     scales = {
         "match": None,
