@@ -100,6 +100,21 @@ def test_a_pickle_of_matches_holds_the_reference_once(fitted, probed):
     assert sizes[1] - sizes[0] < own[1] + mesh + 1000  # and not another reference
 
 
+def test_a_pickle_holds_the_path_of_a_thinned_mesh_and_not_the_mesh(collection, tmp_path):
+    paths = []
+    for mesh in collection.meshes[:4]:
+        paths.append(str(tmp_path / f"{mesh.name}.off"))
+        write_mesh(mesh, paths[-1])
+    thin = SpectralBasis(20, max_vertices=300)
+    shapes = skfmap.DescriptorTransformer().transform(thin.transform(paths))
+    learner = skfmap.WeightedFunctionalMapLearner(n_functions=10, confidence=None, tol=1e-2)
+    (found,) = learner.fit(shapes[:3], collection.truths[:3]).match(shapes[3:])
+    again = pickle.loads(pickle.dumps(found))
+    assert again.given.source == paths[3]
+    assert len(pickle.dumps(found.given)) < 1000
+    assert again.mesh.n_vertices == len(found.p2p)
+
+
 def test_a_match_is_drawn_from_itself_alone(match, collection):
     figure = skfmap.plotting.plot_matches([match])
     given = skfmap.plotting.plot_matches([match], collection.meshes[5:], collection.meshes[0])
@@ -186,9 +201,10 @@ def test_a_texture_is_carried_with_its_coordinates(turned, tmp_path):
     pixels = np.random.default_rng(0).integers(0, 255, (4, 4, 3)).astype(np.uint8)
     image_module.fromarray(pixels).save(tmp_path / "skin.png")
     uv = np.random.default_rng(1).random((turned.reference_mesh.n_vertices, 2))
+    uv[3] = np.nan  # in no face: as read_uv says
     (path,) = turned.save(tmp_path / "ball.glb", uv=uv, texture=tmp_path / "skin.png")
     (loaded,) = trimesh.load(path, process=False).geometry.values()
-    np.testing.assert_allclose(loaded.visual.uv, uv[turned.p2p], atol=1e-6)
+    np.testing.assert_allclose(loaded.visual.uv, np.nan_to_num(uv)[turned.p2p], atol=1e-6)
     held = np.asarray(loaded.visual.material.baseColorTexture.convert("RGB"))
     np.testing.assert_array_equal(held, pixels)
 
@@ -257,6 +273,13 @@ def test_arrays_for_paraview_are_read_by_vtk(turned, tmp_path):
         np.testing.assert_array_equal(loaded.regular_faces, turned.mesh.faces)
         for name, values in arrays.items():
             np.testing.assert_array_equal(loaded.point_data[name], values)
+
+
+def test_a_mesh_of_pyvista_has_the_same_vertices_and_faces(turned):
+    pytest.importorskip("pyvista")
+    converted = turned.mesh.to_pyvista()
+    np.testing.assert_array_equal(converted.points, turned.mesh.vertices)
+    np.testing.assert_array_equal(converted.regular_faces, turned.mesh.faces)
 
 
 def test_meshes_of_other_libraries_are_copies(turned):

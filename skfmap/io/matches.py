@@ -220,7 +220,7 @@ def _glb(match: Match, mesh: Mesh, extras: _Extras) -> bytes:
         colours = np.hstack([_linear(_colours(match)), np.full((mesh.n_vertices, 1), 255)])
         visual = trimesh.visual.ColorVisuals(vertex_colors=colours.astype(np.uint8))
     else:
-        carried = np.asarray(match.transfer(extras.uv).filled(0.0))
+        carried = np.nan_to_num(match.transfer(extras.uv).filled(0.0))
         visual = trimesh.visual.TextureVisuals(uv=carried, image=extras.texture)
     written = trimesh.Trimesh(mesh.vertices, mesh.faces, process=False, visual=visual)
     return bytes(written.export(file_type="glb"))

@@ -5,12 +5,14 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 import scipy.sparse as sp
 
 from skfmap._tools.types import FloatArray, IntArray, SparseMatrix
 from skfmap._tools.validation import as_array, check_number, label
 from skfmap.shapes import outlets
 from skfmap.shapes.given_mesh import GivenMesh
+from skfmap.shapes.landmarks import Landmarks
 from skfmap.shapes.mesh import Mesh
 
 __all__ = ["Match"]
@@ -69,10 +71,10 @@ class Match:
 
     Notes
     -----
-    A pickle of matches holds the meshes that were given as objects, some 70 bytes for each vertex,
-    which is about as much as the answers take; that of the reference once for all matches of a
-    list. Of meshes that were given as paths it holds the path, and they are read again when they
-    are needed. ``dataclasses.replace(match, given=None, reference_given=None)`` leaves them out.
+    A pickle of matches holds their meshes, some 70 bytes for each vertex, which is about as much as
+    the answers take; that of the reference once for all matches of a list. Of a mesh that was given
+    as a path, and thinned or mended, it holds the path alone, and the file is read again when it is
+    needed. ``dataclasses.replace(match, given=None, reference_given=None)`` leaves them out.
     """
 
     p2p: IntArray
@@ -112,8 +114,8 @@ class Match:
         self,
         path: str | Path,
         *,
-        landmarks: Any = None,
-        uv: Any = None,
+        landmarks: Landmarks | None = None,
+        uv: npt.ArrayLike | None = None,
         texture: Any = None,
         overwrite: bool = False,
     ) -> list[Path]:
@@ -239,6 +241,7 @@ class Match:
         Examples
         --------
         >>> import numpy as np
+        import numpy.typing as npt
         >>> import scipy.sparse as sp
         >>> from skfmap import Match
         >>> C, error = np.eye(1), np.array([0.01, 0.2])
