@@ -15,12 +15,19 @@ from skfmap._measures import PairErrors, mean_over_shapes
 from skfmap._tools.callbacks import FitTask
 from skfmap._tools.parallel import map_shapes
 from skfmap._tools.ties import first_of_least
-from skfmap._tools.types import FloatArray, IntArray
+from skfmap._tools.types import (
+    DistanceMethod,
+    FloatArray,
+    IntArray,
+    Interpolation,
+    RefineOverride,
+)
 from skfmap._tools.validation import check_sample_weight
 from skfmap._version import Versioned
 from skfmap.functional.ground_truth import map_from_pairs
 from skfmap.functional.regularization import laplacian_mask
 from skfmap.functional.residuals import residual_covariance
+from skfmap.learner.about_meshes import with_meshes
 from skfmap.learner.across import Across, cross_over
 from skfmap.learner.confidence import Confidence
 from skfmap.learner.diagnostics import diagnose_new_shapes, is_mirrored, report
@@ -184,8 +191,8 @@ class BridgedLearner(Versioned, BaseEstimator):
         self,
         X: Sequence[ProbedItem],
         *,
-        refine: str | Refinement | None = "fitted",
-        interpolate: str | None = None,
+        refine: RefineOverride | Refinement | None = "fitted",
+        interpolate: Interpolation = None,
     ) -> list[Match]:
         """Match the points of each shape to those of the reference, through the bridge.
 
@@ -215,7 +222,7 @@ class BridgedLearner(Versioned, BaseEstimator):
         familiar = [match.familiar for match in matches]
         report(diagnose_new_shapes(usable, [is_mirrored(one) for one in direct], familiar))
         return put_back(
-            matches,
+            with_meshes(matches, usable.shapes, matcher.reference),
             usable,
             lambda one: no_match(one, matcher, assessed=self.confidence_ is not None),
         )
@@ -271,7 +278,7 @@ class BridgedLearner(Versioned, BaseEstimator):
         X: Sequence[ProbedItem],
         y: Sequence[Answer],
         *,
-        method: str = "heat",
+        method: DistanceMethod = "heat",
         reference_y: Answer | None = None,
         **how: Any,
     ) -> list[PairErrors]:

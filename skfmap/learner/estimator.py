@@ -3,7 +3,7 @@
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
 from functools import partial
-from typing import Any, Self
+from typing import Any, Literal, Self
 
 import numpy as np
 from joblib import cpu_count, effective_n_jobs
@@ -16,7 +16,24 @@ from skfmap._tools.caching import MemoryLike
 from skfmap._tools.callbacks import CallbackSupportMixin, FitTask, with_callbacks
 from skfmap._tools.fitted import fitted_attribute
 from skfmap._tools.parallel import map_shapes, single_threaded, tell
-from skfmap._tools.types import Array, FloatArray, IntArray
+from skfmap._tools.types import (
+    Array,
+    Confidences,
+    DistanceMethod,
+    FloatArray,
+    IntArray,
+    Interpolation,
+    KnownMapsWord,
+    Matching,
+    MatchingOverride,
+    Normalize,
+    OnMirrored,
+    RaiseOrSkip,
+    RefineOverride,
+    RefineWord,
+    RegularizerWord,
+    Weighting,
+)
 from skfmap._tools.validation import check_choice, check_number, check_sample_weight, label
 from skfmap._version import Versioned
 from skfmap.functional.learning import LearnedMaps
@@ -24,6 +41,7 @@ from skfmap.functional.regularization import Regularizer
 from skfmap.functional.stable_basis import missed_by_maps
 from skfmap.ground_truth import join_with_reference, known_maps, warn_of_coverage
 from skfmap.known_maps import KnownMaps, KnownMapsRecord
+from skfmap.learner.about_meshes import with_meshes
 from skfmap.learner.between import check_wanted, match_pairs, matched_once, only_wanted
 from skfmap.learner.confidence import Confidence
 from skfmap.learner.diagnostics import (
@@ -57,7 +75,7 @@ from skfmap.learner.parameters import (
 from skfmap.learner.parts import check_part_is_object, fit_part
 from skfmap.learner.predicted_landmarks import LandmarkPredictor
 from skfmap.learner.scoring import score_point_maps
-from skfmap.learner.training_set import FitRecord, TrainingSet, Weighting
+from skfmap.learner.training_set import FitRecord, TrainingSet
 from skfmap.refinement import Refinement
 from skfmap.registration import Registration
 from skfmap.shapes import Correspondence, Landmarks, Match, ProbedShape, Registered
@@ -68,6 +86,11 @@ __all__ = ["WeightedFunctionalMapLearner"]
 
 class WeightedFunctionalMapLearner(CallbackSupportMixin, Versioned, BaseEstimator):
     r"""Learn probe weights D and a stable basis Y from shapes with known correspondences.
+
+    It is the last step of a pipeline. ``predict``, which pipelines and searches have too, returns
+    the reduced functional maps of the paper, arrays of shape (n_shapes, k, p). Point maps, with
+    errors to expect, are asked for by ``skfmap.match(model, X)``: a Pipeline passes no method
+    ``match`` on to its last step.
 
     For a new shape S_i, the functional map is (equation 2 of the paper)
 
@@ -242,8 +265,8 @@ class WeightedFunctionalMapLearner(CallbackSupportMixin, Versioned, BaseEstimato
     """
 
     # Of models that were saved before this was a parameter.
-    on_mirrored: str = "warn"
-    known_maps: str | KnownMaps | None = "auto"
+    on_mirrored: OnMirrored = "warn"
+    known_maps: KnownMapsWord | KnownMaps | None = "auto"
 
     matcher_: Matcher
     confidence_: Confidence | None
@@ -277,20 +300,20 @@ class WeightedFunctionalMapLearner(CallbackSupportMixin, Versioned, BaseEstimato
         *,
         n_functions: int = 50,
         weighting: Weighting = "function",
-        epsilon: float | str = "auto",
+        epsilon: float | Literal["auto"] = "auto",
         alpha: float = 0.01,
-        regularizer: str | Regularizer = "laplacian",
-        normalize: str = "shape",
-        known_maps: str | KnownMaps | None = "auto",
+        regularizer: RegularizerWord | Regularizer = "laplacian",
+        normalize: Normalize = "shape",
+        known_maps: KnownMapsWord | KnownMaps | None = "auto",
         reference: str = "first",
         max_iter: int = 1000,
         tol: float = 1e-4,
         n_stable: float | None = None,
-        matching: str = "soft",
-        refine: str | Refinement | None = "auto",
-        on_mirrored: str = "warn",
-        confidence: str | Confidence | None = "cross-fit",
-        on_invalid: str = "raise",
+        matching: Matching = "soft",
+        refine: RefineWord | Refinement | None = "auto",
+        on_mirrored: OnMirrored = "warn",
+        confidence: Confidences | Confidence | None = "cross-fit",
+        on_invalid: RaiseOrSkip = "raise",
         memory: MemoryLike = None,
         n_jobs: int | None = None,
         verbose: int = 0,
@@ -475,8 +498,8 @@ class WeightedFunctionalMapLearner(CallbackSupportMixin, Versioned, BaseEstimato
         self,
         X: Sequence[ProbedItem],
         *,
-        refine: str | Refinement | None = "fitted",
-        interpolate: str | None = None,
+        refine: RefineOverride | Refinement | None = "fitted",
+        interpolate: Interpolation = None,
     ) -> list[Match]:
         """Match the points of each shape to those of the reference, in the stable functions.
 
@@ -514,7 +537,7 @@ class WeightedFunctionalMapLearner(CallbackSupportMixin, Versioned, BaseEstimato
         self._report_found(usable, found)
         assessed = self.confidence_ is not None
         return put_back(
-            [one.match for one in found],
+            with_meshes([one.match for one in found], usable.shapes, self.reference_),
             usable,
             lambda skipped: no_match(skipped, self.matcher_, assessed=assessed),
         )
@@ -686,9 +709,9 @@ class WeightedFunctionalMapLearner(CallbackSupportMixin, Versioned, BaseEstimato
         self,
         X: Sequence[ProbedItem],
         *,
-        matching: str = "fitted",
-        n_stable: float | str | None = "fitted",
-        refine: str | Refinement | None = "fitted",
+        matching: MatchingOverride = "fitted",
+        n_stable: float | Literal["fitted"] | None = "fitted",
+        refine: RefineOverride | Refinement | None = "fitted",
     ) -> list[IntArray]:
         """Return point maps only, optionally matched in other functions than the parameters say.
 
@@ -733,10 +756,10 @@ class WeightedFunctionalMapLearner(CallbackSupportMixin, Versioned, BaseEstimato
         X: Sequence[ProbedItem],
         y: Sequence[Answer],
         *,
-        method: str = "heat",
-        matching: str = "fitted",
-        n_stable: float | str | None = "fitted",
-        refine: str | Refinement | None = "fitted",
+        method: DistanceMethod = "heat",
+        matching: MatchingOverride = "fitted",
+        n_stable: float | Literal["fitted"] | None = "fitted",
+        refine: RefineOverride | Refinement | None = "fitted",
         reference_y: Answer | None = None,
     ) -> list[PairErrors]:
         """Match shapes with known correspondences and return the error at each pair.

@@ -5,7 +5,12 @@ from typing import Any
 
 import numpy as np
 
-from skfmap._tools.types import FloatArray, Model
+from skfmap._tools.types import (
+    FloatArray,
+    Interpolation,
+    Model,
+    RefineOverride,
+)
 from skfmap._tools.unwrap import learner_and_shapes
 from skfmap.refinement import Refinement
 from skfmap.shapes import Landmarks, Match, Registered
@@ -17,8 +22,8 @@ def match(
     model: Model,
     X: Sequence[Any],
     *,
-    refine: str | Refinement | None = "fitted",
-    interpolate: str | None = None,
+    refine: RefineOverride | Refinement | None = "fitted",
+    interpolate: Interpolation = None,
 ) -> list[Match]:
     """Match shapes with any fitted model.
 

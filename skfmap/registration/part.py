@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, NamedTuple, Self
+from typing import Any, Literal, NamedTuple, Self
 from weakref import WeakKeyDictionary
 
 import numpy as np
@@ -12,7 +12,7 @@ from sklearn.base import clone
 
 from skfmap._tools.caching import hash_of_arrays
 from skfmap._tools.parallel import map_shapes, threads_within
-from skfmap._tools.types import FloatArray
+from skfmap._tools.types import FloatArray, RefineOnMaps
 from skfmap._tools.validation import check_choice, check_number
 from skfmap.functional.neighbours import nearest_both
 from skfmap.functional.refinement import map_from_point_maps
@@ -140,11 +140,11 @@ class Registration(Refinement):
 
     def __init__(
         self,
-        start: str | Refinement | None = "bijective-zoomout",
+        start: RefineOnMaps | Refinement | None = "bijective-zoomout",
         *,
-        deformation: str = "learned",
-        stiffness: float | str = "auto",
-        pose: str = "auto",
+        deformation: Literal["learned", "as-rigid-as-possible"] = "learned",
+        stiffness: float | Literal["auto"] = "auto",
+        pose: Literal["auto", "free", "similarity"] = "auto",
     ) -> None:
         self.start = start
         self.deformation = deformation

@@ -6,6 +6,7 @@ import numpy as np
 
 from skfmap._tools.types import FloatArray, IntArray
 from skfmap.exceptions import MeshError
+from skfmap.shapes import outlets
 from skfmap.shapes.mesh import Mesh
 
 __all__ = ["Registered"]
@@ -64,6 +65,9 @@ class Registered:
             f"n_flipped={self.n_flipped}, off={self.off:.3f}, uncovered={self.uncovered:.3f}, "
             f"stretched={self.stretched:.3f})"
         )
+
+    def _repr_html_(self) -> str:
+        return outlets.html_of(self)
 
     @property
     def mesh(self) -> Mesh:
