@@ -63,6 +63,9 @@ _AGAIN = 3
 # Poses of training shapes that are kept at most (60 kB each at 5,000 vertices), and how many of
 # them, and of their turns, are starts where a shape is in doubt.
 _MOST_POSES, _N_POSES_NEAR = 24, 5
+# Misfit, as a share of the match's, below which a pose is the better start: a match can lie badly
+# where a limb is folded, and be right elsewhere.
+_CLEARLY = 0.8
 
 
 class Laid(NamedTuple):
@@ -268,15 +271,21 @@ class Registration(Refinement):
         best = self._tried(learned, spectral, match, self.start_)
         if self.pose_ == "similarity" or not self.limits_.doubt(best[0]):
             return best[1]
-        others: list[tuple[PointMatch, Refinement | None]] = [
-            *((match, other) for other in (ICP(), ZoomOut(), None)),
-            *(
-                (_matched_in_space(spectral_0, spectral, match, pose), self.start_)
-                for pose in self._poses_near(spectral_0, spectral)
-            ),
+        by_match = [
+            self._tried(learned, spectral, match, other) for other in (ICP(), ZoomOut(), None)
         ]
-        for begun, start in others:
-            best = min(best, self._tried(learned, spectral, begun, start), key=self._misfit)
+        by_pose = [
+            self._tried(
+                learned,
+                spectral,
+                _matched_in_space(spectral_0, spectral, match, pose),
+                self.start_,
+            )
+            for pose in self._poses_near(spectral_0, spectral)
+        ]
+        best = min(best, *by_match, key=self._misfit)
+        other = min(by_pose, key=self._misfit)
+        best = other if self._misfit(other) < _CLEARLY * self._misfit(best) else best
         for _ in range(_AGAIN):
             begun = _matched_in_space(spectral_0, spectral, match, best[1])
             again = self._tried(learned, spectral, begun, self.start_)
