@@ -74,8 +74,8 @@ def register(model: Model, X: Sequence[Any]) -> list[Registered]:
     learner, shapes = learner_and_shapes(model, X)
     if not hasattr(learner, "register"):
         raise TypeError(
-            f"{type(learner).__name__} lays no meshes onto shapes; fit its learner by itself, with "
-            "refine='register'."
+            f"{type(learner).__name__} cannot lay meshes onto shapes; fit its learner by itself, "
+            "with refine='register'."
         )
     return list(learner.register(shapes))
 
@@ -130,7 +130,7 @@ def predict_landmarks(
     learner, shapes = learner_and_shapes(model, X)
     if not hasattr(learner, "predict_landmarks"):
         raise TypeError(
-            f"{type(learner).__name__} puts no landmarks on shapes; fit its learner by itself."
+            f"{type(learner).__name__} cannot place landmarks on shapes; fit its learner by itself."
         )
     return list(learner.predict_landmarks(shapes, coverage=coverage, on_surface=on_surface))
 
