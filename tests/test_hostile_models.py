@@ -144,7 +144,7 @@ def test_no_loader_reaches_a_module_that_is_no_part_of_a_model(tmp_path, monkeyp
             path, {"schema.json": json.dumps({"_skops_version": "0.13.0", **schema}), "1.npy": b""}
         )
         with pytest.raises(
-            (TypeError, ValueError), match=r"not part of a model of skfmap: .*run|is not a sound file"
+            (TypeError, ValueError), match=r"not part of a model of skfmap: .*run|not a sound file"
         ):
             load_model(path)
         assert "evil_module" not in sys.modules, attack
@@ -212,7 +212,7 @@ def test_a_mesh_is_made_by_its_constructor_alone(saved, tmp_path):
     ]["content"]["spectral"]["content"]["content"]
     spectral["mesh"] |= {"__loader__": "ObjectNode"}
     members["schema.json"] = json.dumps(schema).encode()
-    with pytest.raises(TypeError, match=r"not part of a model of skfmap: skfmap.shapes.mesh.Mesh\."):
+    with pytest.raises(TypeError, match=r"not part of a model of skfmap: skfmap.shapes.mesh.Mesh"):
         load_model(_write(tmp_path / "model.skops", members))
 
 

@@ -68,7 +68,7 @@ class _Result:
 HELP = "the main job, on made-up creatures or a folder: what learning gains (also without a verb)"
 DESCRIPTION = (
     "Learn functional maps on a collection of meshes, match the shapes left out, and show what "
-    "learning gains: a table, a report, a picture of the matches, and a model trained on all shapes."
+    "learning gains: a table, a report, a picture of the matches, a model trained on all shapes."
 )
 
 
