@@ -2,6 +2,7 @@
 
 import importlib
 from types import ModuleType
+from typing import TYPE_CHECKING
 
 from skfmap._version import __version__
 from skfmap.basis import SpectralBasis
@@ -12,6 +13,7 @@ from skfmap.learner import (
     WeightedFunctionalMapLearner,
     functional_maps,
     match,
+    match_between,
     predict_landmarks,
     register,
 )
@@ -24,6 +26,74 @@ from skfmap.shapes import (
     Registered,
     SpectralShape,
 )
+
+if TYPE_CHECKING:  # they are imported when they are asked for, below
+    from skfmap import (
+        basis as basis,
+    )
+    from skfmap import (
+        commands as commands,
+    )
+    from skfmap import (
+        datasets as datasets,
+    )
+    from skfmap import (
+        descriptors as descriptors,
+    )
+    from skfmap import (
+        exceptions as exceptions,
+    )
+    from skfmap import (
+        functional as functional,
+    )
+    from skfmap import (
+        geometry as geometry,
+    )
+    from skfmap import (
+        ground_truth as ground_truth,
+    )
+    from skfmap import (
+        health as health,
+    )
+    from skfmap import (
+        io as io,
+    )
+    from skfmap import (
+        known_maps as known_maps,
+    )
+    from skfmap import (
+        landmarks as landmarks,
+    )
+    from skfmap import (
+        learner as learner,
+    )
+    from skfmap import (
+        metrics as metrics,
+    )
+    from skfmap import (
+        model_selection as model_selection,
+    )
+    from skfmap import (
+        persistence as persistence,
+    )
+    from skfmap import (
+        plotting as plotting,
+    )
+    from skfmap import (
+        refinement as refinement,
+    )
+    from skfmap import (
+        registration as registration,
+    )
+    from skfmap import (
+        report as report,
+    )
+    from skfmap import (
+        shape_space as shape_space,
+    )
+    from skfmap import (
+        shapes as shapes,
+    )
 
 __all__ = [
     "BridgedLearner",
@@ -41,6 +111,7 @@ __all__ = [
     "check_mesh",
     "functional_maps",
     "match",
+    "match_between",
     "predict_landmarks",
     "register",
     "repair_mesh",
@@ -73,11 +144,13 @@ _SUBMODULES = (
 )
 
 
-def __getattr__(name: str) -> ModuleType:
-    """Return a module of the package."""
-    if name not in _SUBMODULES:
-        raise AttributeError(f"module 'skfmap' has no attribute {name!r}")
-    return importlib.import_module(f"skfmap.{name}")
+if not TYPE_CHECKING:  # type checkers would take any name for one of these
+
+    def __getattr__(name: str) -> ModuleType:
+        """Return a module of the package."""
+        if name not in _SUBMODULES:
+            raise AttributeError(f"module 'skfmap' has no attribute {name!r}")
+        return importlib.import_module(f"skfmap.{name}")
 
 
 def __dir__() -> list[str]:

@@ -16,7 +16,12 @@ import numpy as np
 
 from skfmap._tools.caching import MemoryLike, cached
 from skfmap._tools.parallel import map_shapes
-from skfmap._tools.types import FloatArray, IntArray
+from skfmap._tools.types import (
+    DistanceMethod,
+    ErrorKind,
+    FloatArray,
+    IntArray,
+)
 from skfmap._tools.validation import (
     LARGEST_AREA,
     SMALLEST_AREA,
@@ -46,7 +51,7 @@ __all__ = [
     "singular_value_profile",
 ]
 
-ERROR_KINDS = ("direct", "consistent", "per_vertex")
+ERROR_KINDS: tuple[ErrorKind, ...] = ("direct", "consistent", "per_vertex")
 
 # Distances that are computed in less time (2 s by the heat method) than other processes take to
 # start.
@@ -82,7 +87,7 @@ class GeodesicDistances:
     def __init__(
         self,
         mesh: Mesh,
-        method: str = "heat",
+        method: DistanceMethod = "heat",
         *,
         memory: MemoryLike = None,
         n_jobs: int | None = None,
@@ -300,7 +305,11 @@ _RECENT: OrderedDict[tuple[str, str], GeodesicDistances] = OrderedDict()
 
 
 def reference_distances(
-    mesh: Mesh, method: str = "heat", *, memory: MemoryLike = None, n_jobs: int | None = None
+    mesh: Mesh,
+    method: DistanceMethod = "heat",
+    *,
+    memory: MemoryLike = None,
+    n_jobs: int | None = None,
 ) -> GeodesicDistances:
     """Return the distances on a mesh, shared by all scores on it in this process.
 
@@ -339,7 +348,7 @@ class PairErrors:
     symmetric: FloatArray | None
     weights: FloatArray
 
-    def of_kind(self, kind: str) -> FloatArray:
+    def of_kind(self, kind: ErrorKind) -> FloatArray:
         """Return the errors as ``kind`` counts them, shape (n_pairs,)."""
         check_choice(kind, "kind", ERROR_KINDS)
         if kind == "direct" or len(self.direct) == 0:
@@ -359,7 +368,7 @@ class PairErrors:
         )
         return self.direct if direct <= symmetric else np.where(known, self.symmetric, self.direct)
 
-    def mean(self, kind: str = "direct") -> float:
+    def mean(self, kind: ErrorKind = "direct") -> float:
         """Return the mean error of ``kind``.
 
         NaN for a shape that was left out, which has no pairs.
@@ -484,7 +493,7 @@ def geodesic_error(
     correspondence_0: Correspondence,
     distances: GeodesicDistances,
     *,
-    kind: str = "direct",
+    kind: ErrorKind = "direct",
 ) -> float:
     """Return the mean geodesic error of a point map, in units of sqrt(area) of the reference.
 

@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, NamedTuple, Self, TypeAlias, cast
+from typing import Any, Literal, NamedTuple, Self, TypeAlias, cast
 
 import numpy as np
 from sklearn.base import BaseEstimator
@@ -11,7 +11,12 @@ from sklearn.base import BaseEstimator
 from skfmap._tools.caching import MemoryLike, cached, hash_of_arrays
 from skfmap._tools.parallel import map_shapes
 from skfmap._tools.stateless import StatelessShapeTransformer
-from skfmap._tools.types import FloatArray, SparseMatrix
+from skfmap._tools.types import (
+    FloatArray,
+    Laplacian,
+    OnInvalid,
+    SparseMatrix,
+)
 from skfmap._tools.validation import check_choice, check_number, label
 from skfmap._tools.warn import warn
 from skfmap._version import Versioned
@@ -117,10 +122,10 @@ class SpectralBasis(Versioned, StatelessShapeTransformer, BaseEstimator):
         self,
         n_components: int = 120,
         *,
-        laplacian: str = "cotangent",
+        laplacian: Laplacian = "cotangent",
         max_vertices: int | None = 6000,
-        wrap: str | None = None,
-        on_invalid: str = "mend",
+        wrap: Literal["auto"] | None = None,
+        on_invalid: OnInvalid = "mend",
         memory: MemoryLike = None,
         n_jobs: int | None = None,
         verbose: int = 0,

@@ -27,7 +27,7 @@ from skfmap._measures import (
     reference_distances,
     singular_value_profile,
 )
-from skfmap._tools.types import Model
+from skfmap._tools.types import DistanceMethod, ErrorKind, Model
 from skfmap._tools.unwrap import learner_and_shapes
 from skfmap._tools.validation import check_choice, check_sample_weight
 from skfmap.exceptions import CorrespondenceError
@@ -47,6 +47,7 @@ __all__ = [
     "geodesic_error",
     "get_scorer",
     "get_scorer_names",
+    "multi_scorer",
     "pair_errors",
     "reference_distances",
     "singular_value_profile",
@@ -58,7 +59,7 @@ def matching_errors(
     X: Sequence[Any],
     y: Sequence[Answer],
     *,
-    method: str = "heat",
+    method: DistanceMethod = "heat",
     reference_y: Answer | None = None,
 ) -> list[PairErrors]:
     """Match shapes with a fitted model and return the errors of each."""
@@ -66,7 +67,7 @@ def matching_errors(
     return list(learner.pair_errors(shapes, y, method=method, reference_y=reference_y))
 
 
-_SCORERS = {
+_SCORERS: dict[str, ErrorKind] = {
     "neg_geodesic_error": "direct",
     "neg_consistent_geodesic_error": "consistent",
     "neg_per_vertex_geodesic_error": "per_vertex",
@@ -77,7 +78,7 @@ _SCORERS = {
 class _GeodesicScorer:
     """A scorer: minus the mean error of one kind, over the shapes."""
 
-    kind: str
+    kind: ErrorKind
     reference_y: Answer | None = None
 
     def __call__(
@@ -183,3 +184,72 @@ def get_scorer(name: str, reference_y: Answer | None = None) -> Callable[..., fl
             raise ValueError(f"{_LANDMARK_ERROR} takes no reference_y.")
         return _LandmarkScorer()
     return _GeodesicScorer(_SCORERS[name], reference_y)
+
+
+@dataclass(frozen=True)
+class _MultiScorer:
+    """Several scores of one matching."""
+
+    names: tuple[str, ...]
+    reference_y: Answer | None = None
+
+    def __call__(
+        self,
+        estimator: Model,
+        X: Sequence[Any],
+        y: Sequence[Any],
+        sample_weight: Sequence[float] | None = None,
+    ) -> dict[str, float]:
+        """Return the scores of a fitted learner, Pipeline or search on shapes ``X``, by name."""
+        scores = {}
+        kinds = {name: _SCORERS[name] for name in self.names if name in _SCORERS}
+        if kinds:
+            errors = matching_errors(estimator, X, y, reference_y=self.reference_y)
+            weights = check_sample_weight(sample_weight, len(errors))
+            for name, kind in kinds.items():
+                scores[name] = -mean_over_shapes([one.mean(kind) for one in errors], weights)
+        if _LANDMARK_ERROR in self.names:
+            scores[_LANDMARK_ERROR] = _LandmarkScorer()(estimator, X, y, sample_weight)
+        return {name: scores[name] for name in self.names}
+
+
+def multi_scorer(*names: str, reference_y: Answer | None = None) -> Callable[..., dict[str, float]]:
+    """Return one scorer for several scores, which matches the shapes once for all of them.
+
+    scikit-learn's ``scoring=[...]`` would match them once for each. In a search, name the score
+    that chooses: ``GridSearchCV(..., scoring=multi_scorer(...), refit="neg_geodesic_error")``.
+
+    Parameters
+    ----------
+    *names : str
+        Those of `get_scorer`.
+    reference_y : Correspondence or int array, optional
+        As in `get_scorer`, for geodesic errors.
+
+    Returns
+    -------
+    callable
+        ``(estimator, X, y, sample_weight=None) -> dict`` of floats by name, larger is better.
+
+    Raises
+    ------
+    ValueError
+        If there is no name, one twice, or another.
+
+    Examples
+    --------
+    >>> from skfmap.metrics import multi_scorer
+    >>> scorer = multi_scorer("neg_geodesic_error", "neg_consistent_geodesic_error")
+    >>> scorer.names
+    ('neg_geodesic_error', 'neg_consistent_geodesic_error')
+    """
+    if not names or len(set(names)) < len(names):
+        raise ValueError(
+            f"multi_scorer takes names of scores, each once: {', '.join(get_scorer_names())}; got "
+            f"{names!r}."
+        )
+    for name in names:
+        check_choice(name, "name", get_scorer_names())
+    if reference_y is not None and not set(names) & set(_SCORERS):
+        raise ValueError(f"{_LANDMARK_ERROR} takes no reference_y.")
+    return _MultiScorer(names, reference_y)

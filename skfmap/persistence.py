@@ -6,6 +6,7 @@ This module says what such a file may hold.
 import copy
 import io
 import json
+import tempfile
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import fields, is_dataclass, replace
 from pathlib import Path
@@ -136,7 +137,9 @@ def save_model(model: Any, path: str | Path) -> None:
     model : WeightedFunctionalMapLearner, Pipeline or transformer
         The model. Of a search, save ``best_estimator_``.
     path : str or Path
-        File to write; ``.skops`` is the custom.
+        File to write; ``.skops`` is the custom. A model that is there is replaced, as
+        `joblib.dump` does, but only when the new one is whole: what stops the writing leaves the
+        old one as it was.
 
     Raises
     ------
@@ -153,7 +156,10 @@ def save_model(model: Any, path: str | Path) -> None:
     check_folder(path)
     model = copy.deepcopy(model)
     _set_memory(model, None)
-    skops.dump(model, Path(path))
+    with tempfile.TemporaryDirectory(dir=Path(path).parent, prefix=".skfmap-") as folder:
+        whole = Path(folder) / Path(path).name
+        skops.dump(model, whole)
+        whole.replace(path)
 
 
 def load_model(path: str | Path, *, trusted: Sequence[str] = (), memory: Any = None) -> Any:

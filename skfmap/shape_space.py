@@ -12,7 +12,12 @@ from sklearn.exceptions import ConvergenceWarning
 from sklearn.utils import Tags
 from sklearn.utils.validation import check_is_fitted
 
-from skfmap._tools.types import BoolArray, FloatArray, IntArray
+from skfmap._tools.types import (
+    BoolArray,
+    FloatArray,
+    IntArray,
+    OnMirrored,
+)
 from skfmap._tools.validation import (
     as_reals,
     check_choice,
@@ -177,7 +182,7 @@ class ShapeSpace(Versioned, TransformerMixin, BaseEstimator):
         n_components: int | float | None = None,
         *,
         scale: bool = False,
-        on_mirrored: str = "warn",
+        on_mirrored: OnMirrored = "warn",
         faces: Any = None,
         max_iter: int = 100,
         tol: float = 1e-9,

@@ -5,6 +5,7 @@ import linecache
 import subprocess
 import sys
 import textwrap
+import threading
 from collections import Counter
 from concurrent.futures import ThreadPoolExecutor
 
@@ -20,9 +21,49 @@ import skfmap.basis
 import skfmap.descriptors
 import skfmap.ground_truth
 from skfmap import DescriptorTransformer, Mesh, SpectralBasis
+from skfmap._tools import caching
 from skfmap.descriptors import FunctionProbes
 from skfmap.io import write_mesh
 from skfmap.model_selection import PinnedReference
+
+
+def _square(content, content_hash, power):
+    return content**power
+
+
+def test_code_of_a_function_is_written_by_one_at_a_time(tmp_path, monkeypatch):
+    """Two that begin at once: the second waits, however long the first takes to write."""
+    monkeypatch.setattr(caching, "_AGREED", set())
+    joblib.memory._FUNCTION_HASHES.pop(_square, None)
+    backend = joblib._store_backends.FileSystemStoreBackend
+    write, read = backend.store_cached_func_code, backend.get_cached_func_code
+    writing, both, met = threading.Event(), threading.Barrier(2), []
+
+    def slow_write(self, call_id, func_code=None):
+        if func_code is not None:
+            met.append(writing.is_set())
+            writing.set()
+            threading.Event().wait(0.3)  # time for the other to come by
+        write(self, call_id, func_code)
+        if func_code is not None:
+            writing.clear()
+
+    def watched_read(self, call_id):
+        met.append(writing.is_set())
+        return read(self, call_id)
+
+    monkeypatch.setattr(backend, "store_cached_func_code", slow_write)
+    monkeypatch.setattr(backend, "get_cached_func_code", watched_read)
+
+    def one(content):
+        recall = caching.cached(_square, str(tmp_path))
+        both.wait()
+        return recall(content, f"hash of {content}", 2)
+
+    with ThreadPoolExecutor(2) as pool:
+        assert list(pool.map(one, [3, 5])) == [9, 25]
+    assert met
+    assert not any(met)
 
 
 @pytest.fixture

@@ -601,13 +601,13 @@ def test_by_number_can_be_asked_for(tmp_path):
 
 def test_formats_that_are_not_read_are_named(tmp_path):
     _fill(tmp_path)
-    for name in ("s0.msh", "t.msh", "lh.pial", "u.wrl", ".hidden.msh", "notes.txt", "s1.png"):
+    for name in ("s0.msh", "t.msh", "t.dae", "u.wrl", ".hidden.msh", "notes.txt", "s1.png"):
         (tmp_path / name).write_bytes(b"")
     with pytest.warns(SkippedShapeWarning) as told:
         names = load_collection(tmp_path).names
     assert names == ["s0", "s1", "s2"]
     (message,) = [str(one.message) for one in told]
-    assert "lh.pial, t.msh, u.wrl are left out" in message
+    assert "t.dae, t.msh, u.wrl are left out" in message
     assert "MeshLab" in message
     with pytest.raises(FileNotFoundError, match=r"no mesh 't'.*t\.msh.*meshio"):
         load_collection(tmp_path, "t")
@@ -617,8 +617,8 @@ def test_formats_that_are_not_read_are_named(tmp_path):
 
 def test_the_command_line_names_them_too(tmp_path):
     _fill(tmp_path, 1)
-    (tmp_path / "lh.pial").write_bytes(b"")
-    with pytest.warns(SkippedShapeWarning, match=r"lh\.pial"):
+    (tmp_path / "t.dae").write_bytes(b"")
+    with pytest.warns(SkippedShapeWarning, match=r"t\.dae"):
         assert [path.name for path in mesh_files([tmp_path])] == ["s0.off"]
 
 

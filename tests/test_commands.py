@@ -156,6 +156,28 @@ def test_matches_are_those_of_python(place, tmp_path, capsys):
     assert "body4" in capsys.readouterr().out
 
 
+@pytest.mark.parametrize("suffix", ["npz", "ply", "vtp"])
+def test_matches_are_written_as_python_saves_them(place, tmp_path, suffix):
+    new = place.new / "body4.off"
+    out = tmp_path / "out"
+    assert run("match", place.model, new, "-o", out, "--format", suffix, *_QUIET) == 0
+    (match,) = skfmap.match(load_model(place.model), [new])
+    (path,) = match.save(tmp_path / f"saved.{suffix}")
+    assert (out / f"body4.{suffix}").read_bytes() == path.read_bytes()
+
+
+def test_a_texture_must_lie_on_the_reference(place, tmp_path, capsys):
+    (tmp_path / "uv.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nvt 0 0\nf 1/1 2/1 3/1\n")
+    given = ["-o", tmp_path / "out", "--uv", tmp_path / "uv.obj", *_QUIET]
+    assert run("match", place.model, place.new, *given) == 2
+    assert "--texture and --uv belong together" in capsys.readouterr().err
+    given += ["--texture", tmp_path / "skin.png"]
+    assert run("match", place.model, place.new, *given) == 2
+    assert "are for --format glb" in capsys.readouterr().err
+    assert run("match", place.model, place.new, *given, "--format", "glb") == 2
+    assert "has 3 vertices, and the reference" in capsys.readouterr().err
+
+
 def test_a_shape_that_cannot_be_used_is_told_and_does_not_lose_the_others(
     place, broken, tmp_path, capsys
 ):
@@ -299,6 +321,46 @@ def test_one_table_has_the_landmarks_of_all_specimens(marked, broken, tmp_path):
     assert summary[0]["shape"] == "broken"
     expected = [float(row["expected error"]) for row in summary[1:]]
     assert expected == sorted(expected, reverse=True)
+
+
+# numbers
+
+
+def test_vertices_correspond_by_number_where_that_is_said(collection, tmp_path, capsys):
+    """Other faces, and a file beside them that would say something else."""
+    body = collection.meshes[0]
+    bent = [Mesh(body.vertices * [1, 1, 1 + i / 20], body.faces, f"bent{i}") for i in range(2)]
+    other = Mesh(body.vertices, body.faces[:-1], "bent2")
+    folder = _write(tmp_path / "bent", [*bent, other])
+    (folder / "bent0.txt").write_text("0 0\n")
+    assert run("check", folder) == 1
+    assert "by number" not in capsys.readouterr().out
+    assert run("check", folder, "--by-number") == 0
+    assert "vertices correspond by number" in capsys.readouterr().out
+    model = tmp_path / "model.skops"
+    assert run("train", folder, "-o", model, "--by-number", "--no-evaluation", *_SMALL) == 0
+    assert len(load_model(model)[-1].reference_correspondence_.pairs) == body.n_vertices
+
+
+# convert
+
+
+def test_meshes_and_landmarks_are_converted(place, tmp_path, capsys):
+    mesh = read_mesh(place.new / "body4.off")
+    assert run("convert", place.new / "body4.off", tmp_path / "body.vtp") == 0
+    assert f"{mesh.n_vertices} vertices" in capsys.readouterr().out
+    again = read_mesh(tmp_path / "body.vtp")
+    assert again.content_hash == mesh.content_hash
+    write_landmarks(Landmarks([[1.0, 2, 3]], ["nose"]), tmp_path / "marks.fcsv")
+    to_ras = ["--system", "RAS"]
+    assert run("convert", tmp_path / "marks.fcsv", tmp_path / "marks.csv", *to_ras) == 0
+    assert read_landmarks(tmp_path / "marks.csv").point("nose").tolist() == [-1, -2, 3]
+    assert run("convert", place.new / "body4.off", tmp_path / "body.vtp") == 2
+    assert "--force" in capsys.readouterr().err
+    assert run("convert", place.new / "body4.off", tmp_path / "body.step") == 2
+    assert "skfmap writes .off" in capsys.readouterr().err
+    assert run("convert", place.new / "body4.off", tmp_path / "body.ply", *to_ras) == 2
+    assert "--system is for landmarks" in capsys.readouterr().err
 
 
 # register

@@ -145,6 +145,7 @@ _ELSEWHERE = {
     ),
     *("io.as_arrays", "io.as_far_as_sound", "io.check_meshes", "io.n_vertices_of", "io.named"),
     *("io.open_given", "io.read_arrays", "io.READ_SUFFIXES", "io.unread_formats"),
+    *("io.WRITTEN_SUFFIXES", "io.LANDMARK_SUFFIXES", "io.WRITTEN_LANDMARK_SUFFIXES"),
 }
 
 

@@ -13,7 +13,7 @@ import trimesh
 from skfmap import Mesh, SpectralBasis, check_mesh
 from skfmap.datasets import make_sphere
 from skfmap.exceptions import MeshError, RepairWarning
-from skfmap.io import MESH_SUFFIXES, as_mesh, as_meshes, read_mesh, write_mesh
+from skfmap.io import WRITTEN_SUFFIXES, as_mesh, as_meshes, read_mesh, write_mesh
 from skfmap.shapes import Registered
 
 EXACT = [".off", ".obj", ".ply"]
@@ -213,7 +213,7 @@ def test_off_faces_that_point_past_the_vertices_are_refused(write):
         read_mesh(write("a.off", "OFF\n3 1 0\n0 0 0\n1 0 0\n0 1 0\n3 0 1 7\n"))
 
 
-@pytest.mark.parametrize("suffix", MESH_SUFFIXES)
+@pytest.mark.parametrize("suffix", WRITTEN_SUFFIXES)
 @pytest.mark.parametrize("share", [0.02, 0.3, 0.6, 0.9, 0.97])
 def test_truncated_files_are_refused(tmp_path, suffix, share):
     path = tmp_path / f"a{suffix}"
@@ -241,7 +241,7 @@ def test_truncated_text_is_refused(tmp_path, file_type, share):
         read_mesh(path)
 
 
-@pytest.mark.parametrize("suffix", MESH_SUFFIXES)
+@pytest.mark.parametrize("suffix", WRITTEN_SUFFIXES)
 @pytest.mark.parametrize("n_bytes", [0, 1, 83, 84, 5000])
 def test_garbage_is_refused(write, suffix, n_bytes):
     path = write(f"a{suffix}", np.random.default_rng(n_bytes).bytes(n_bytes))
@@ -268,9 +268,9 @@ def test_missing_files_and_unknown_suffixes(tmp_path, tetrahedron):
         read_mesh(tmp_path / "folder.off")
     with pytest.raises(MeshError, match=r"'.xyz'.*\.off"):
         read_mesh(tmp_path / "cat.xyz")
-    with pytest.raises(ValueError, match=r"'.glb'"):
-        write_mesh(Mesh(*tetrahedron), tmp_path / "cat.glb")
-    assert not (tmp_path / "cat.glb").exists()
+    with pytest.raises(ValueError, match=r"'.gltf'"):
+        write_mesh(Mesh(*tetrahedron), tmp_path / "cat.gltf")
+    assert not (tmp_path / "cat.gltf").exists()
 
 
 def test_what_register_returns_is_written_as_its_mesh(tmp_path, tetrahedron):
@@ -292,7 +292,7 @@ def test_what_register_returns_is_written_as_its_mesh(tmp_path, tetrahedron):
 
 
 def test_reading_warns_of_nothing(tmp_path, tetrahedron):
-    for suffix in MESH_SUFFIXES:
+    for suffix in WRITTEN_SUFFIXES:
         write_mesh(Mesh(*tetrahedron), tmp_path / f"a{suffix}")
         with warnings.catch_warnings():
             warnings.simplefilter("error")
@@ -456,3 +456,12 @@ def test_files_say_one_thing(tmp_path, name, content, faces):
             read_mesh(path)
     else:
         assert read_mesh(path).faces.tolist() == faces
+
+
+def test_what_holds_a_mesh_says_to_give_it():
+    ball = make_sphere(n_subdivisions=1)
+    laid = Registered(ball.vertices, ball.faces, np.zeros(18), 0, 0.0, 0.0, 0.0, True)
+    with pytest.raises(TypeError, match=r"X\[0\] is a Registered.*Give its \.mesh"):
+        as_meshes([laid])
+    with pytest.raises(TypeError, match=r"a path\.$"):
+        as_mesh(7)

@@ -10,9 +10,11 @@ from matplotlib.image import imread
 
 from skfmap import Mesh
 from skfmap.__main__ import main
+from skfmap.commands import demo
 from skfmap.datasets import make_sphere
 from skfmap.exceptions import DisagreementWarning, RepairWarning, SkippedShapeWarning
 from skfmap.io import write_mesh
+from skfmap.persistence import load_model
 
 
 @pytest.fixture
@@ -43,7 +45,21 @@ def test_main_job_on_a_folder(folder, capsys):
     assert "Leaving out one at a time: body1, body3." in printed
     assert imread(output / "matches.png")[..., :3].std() > 0.05
     assert "body3" in (output / "report.html").read_text(encoding="utf-8")
+    assert load_model(output / "model.skops")[-1].reference_.name == "body0"
+    assert (output / "errors.txt").read_text(encoding="utf-8") in printed
+    assert f"match {output / 'model.skops'} NEW.ply -o out" in printed
+
+
+# Two shapes are few to learn from.
+@pytest.mark.filterwarnings("ignore::skfmap.exceptions.UnfamiliarShapeWarning")
+@pytest.mark.filterwarnings("ignore::skfmap.exceptions.StabilityWarning")
+def test_without_skops_the_model_is_of_joblib(folder, monkeypatch, capsys):
+    monkeypatch.setattr(demo, "find_spec", lambda _: None)
+    output = folder / "out"
+    short = ["--functions", "10", "--folds", "1", "--jobs", "1", "--pattern", "body[012]"]
+    assert main([str(folder), "--output", str(output), *short]) == 0
     assert joblib.load(output / "model.joblib")[-1].reference_.name == "body0"
+    assert "model.joblib NEW.ply" in capsys.readouterr().out
 
 
 @pytest.mark.parametrize(

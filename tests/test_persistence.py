@@ -4,6 +4,7 @@ import pickle
 import subprocess
 import sys
 import textwrap
+from pathlib import Path
 
 import joblib
 import numpy as np
@@ -170,3 +171,23 @@ def test_a_search_is_saved_by_its_best_estimator(make_learner, probed, collectio
     assert_array_equal(
         load_model(tmp_path / "best.skops").predict(probed[4:]), search.predict(probed[4:])
     )
+
+
+@needs_skops
+def test_a_model_is_replaced_by_a_whole_one_only(fitted, tmp_path, monkeypatch):
+    skops_io = pytest.importorskip("skops.io")
+    path = tmp_path / "model.skops"
+    save_model(fitted, path)
+    before = path.read_bytes()
+
+    def interrupted(model, file):
+        Path(file).write_bytes(b"half")
+        raise KeyboardInterrupt
+
+    with monkeypatch.context() as patch:
+        patch.setattr(skops_io, "dump", interrupted)
+        with pytest.raises(KeyboardInterrupt):
+            save_model(fitted, path)
+    assert path.read_bytes() == before
+    save_model(fitted, path)
+    assert [file.name for file in tmp_path.iterdir()] == ["model.skops"]

@@ -18,6 +18,7 @@ import skfmap
 from skfmap import Mesh
 from skfmap.datasets import make_sphere
 from skfmap.functional import basis_error
+from skfmap.geometry.position_colours import colours_of_position
 from skfmap.metrics import error_curve
 from skfmap.plotting import (
     BasisErrorDisplay,
@@ -32,7 +33,7 @@ from skfmap.plotting import (
     write_functions_page,
     write_matches_page,
 )
-from skfmap.plotting._colours import UNKNOWN, colours_of_position, scale_of
+from skfmap.plotting._colours import UNKNOWN, scale_of
 from skfmap.plotting._scene import scene_of_matches
 from skfmap.plotting._surface import lit
 
@@ -98,7 +99,7 @@ def test_colours_of_position_can_be_told_apart_by_the_colour_blind():
     """Without the red-green axis, the ends of all three axes of a body still differ."""
     box = make_sphere(n_subdivisions=4)
     mesh = Mesh(box.vertices * [1.0, 2.0, 3.0], box.faces)
-    linear = colours_of_position(mesh) ** 2.2
+    linear = colours_of_position(mesh.vertices) ** 2.2
     seen = linear @ np.array(
         [[0.152, 0.115, -0.004], [1.053, 0.786, -0.048], [-0.205, 0.099, 1.052]]
     )  # protanopia
@@ -112,6 +113,36 @@ def test_light_does_not_change_with_the_side_that_is_seen():
     normals = np.array([[0.0, 0.6, 0.8], [0.0, -0.6, -0.8]])
     colours = lit(np.full((2, 3), 0.5), normals)
     np.testing.assert_allclose(colours[0], colours[1])
+
+
+def test_no_error_is_beyond_its_scale(fitted, probed, collection, matched):
+    matches, meshes, reference = matched
+    (errors,) = fitted.pair_errors(probed[5:], collection.truths[5:])
+    far = replace(errors, direct=errors.direct + np.where(np.arange(len(errors.direct)) == 7, 1, 0))
+    scene = scene_of_matches(
+        matches,
+        meshes,
+        reference,
+        show=("expected error",),
+        errors=[far],
+        captions=None,
+        camera=None,
+        align=True,
+    )
+    (_, panel), (expected, true) = scene.panels, scene.scales
+    assert expected.high == true.high == np.nanmax(panel.values[1])
+    assert true.high > matches[0].expected_error.max()
+    alone = scene_of_matches(
+        matches,
+        meshes,
+        reference,
+        show=("expected error",),
+        errors=None,
+        captions=None,
+        camera=None,
+        align=True,
+    )
+    assert alone.scales[0].high == pytest.approx(max(0.02, matches[0].expected_error.max()))
 
 
 # Pictures
@@ -432,7 +463,7 @@ setTimeout(() => {
     page = write_matches_page(tmp_path / "matches.html", matches, meshes, reference)
     seen = json.loads(browse(page, script).replace("&quot;", '"'))
     assert seen["eyes"] == [-1.5, -1.5]
-    assert seen["first"] == to_hex(colours_of_position(reference)[matches[0].p2p[0]])
+    assert seen["first"] == to_hex(colours_of_position(reference.vertices)[matches[0].p2p[0]])
     assert seen["then"] != seen["first"]
     assert seen["shown"] == [
         True,

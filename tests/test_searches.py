@@ -26,7 +26,7 @@ from sklearn.pipeline import Pipeline, make_pipeline
 import skfmap
 from skfmap import SpectralBasis
 from skfmap.descriptors import HeatKernelSignature, WaveKernelSignature
-from skfmap.metrics import get_scorer, get_scorer_names
+from skfmap.metrics import get_scorer, get_scorer_names, multi_scorer
 from skfmap.model_selection import PinnedReference
 
 
@@ -378,3 +378,63 @@ def test_predictions_of_a_cross_validation_are_of_the_left_out_shapes(
     """Without a pin each sample is left out once, the reference too: its fold has another one."""
     maps = cross_val_predict(make_learner(weighting=None), probed, collection.truths, cv=KFold(3))
     assert maps.shape == (6, 12, 6)
+
+
+# Several scores of one matching
+
+_FORGIVING = [f"neg_{kind}geodesic_error" for kind in ("", "consistent_", "per_vertex_")]
+
+
+def test_several_scores_are_those_of_the_single_scorers(
+    make_learner, symmetric_probed, symmetric_collection, monkeypatch
+):
+    truths, share = symmetric_collection.truths, [1.0, 3.0]
+    learner = make_learner(weighting=None).fit(symmetric_probed[:2], truths[:2])
+    X, y = symmetric_probed[2:], truths[2:]
+    single = {name: get_scorer(name)(learner, X, y, share) for name in _FORGIVING}
+    usual, calls = type(learner).pair_errors, []
+
+    def counted(*given, **how):
+        calls.append(given)
+        return usual(*given, **how)
+
+    monkeypatch.setattr(type(learner), "pair_errors", counted)
+    assert multi_scorer(*_FORGIVING)(learner, X, y, share) == single
+    assert len(calls) == 1
+
+
+def test_a_search_takes_several_scores(make_learner, probed, collection):
+    search = GridSearchCV(
+        make_learner(),
+        {"n_stable": [5, 10]},
+        cv=PinnedReference(2),
+        scoring=multi_scorer("neg_geodesic_error"),
+        refit="neg_geodesic_error",
+        error_score="raise",
+    ).fit(probed, collection.truths)
+    alone = GridSearchCV(
+        make_learner(),
+        {"n_stable": [5, 10]},
+        cv=PinnedReference(2),
+        scoring=get_scorer("neg_geodesic_error"),
+        error_score="raise",
+    ).fit(probed, collection.truths)
+    assert_array_equal(
+        search.cv_results_["mean_test_neg_geodesic_error"], alone.cv_results_["mean_test_score"]
+    )
+    assert search.best_params_ == alone.best_params_
+
+
+@pytest.mark.parametrize(
+    ("names", "message"),
+    [
+        ((), "each once"),
+        (["neg_geodesic_error"] * 2, "each once"),
+        (["accuracy"], "must be one of"),
+    ],
+)
+def test_several_scores_are_named_each_once(names, message):
+    with pytest.raises(ValueError, match=message):
+        multi_scorer(*names)
+    with pytest.raises(ValueError, match="takes no reference_y"):
+        multi_scorer("neg_landmark_error", reference_y=[[0, 0]])

@@ -7,7 +7,7 @@ from collections.abc import Callable
 from functools import lru_cache
 from pathlib import Path
 from types import CodeType, FunctionType
-from typing import TypeAlias, TypeVar
+from typing import Any, TypeAlias, TypeVar
 
 import joblib
 import numpy as np
@@ -57,6 +57,7 @@ def cached(function: Callable[..., _Result], memory: MemoryLike) -> Callable[...
     remembered = store.cache(function, ignore=[function.__code__.co_varnames[0]])
 
     def recall(content: object, content_hash: str, *rest: object) -> _Result:
+        _agree_on_code(remembered, store.location)
         key = (f"{content_hash}-{_code_of_package()}", *rest)
         if remembered.check_call_in_cache(content, *key):
             return remembered(content, *key)
@@ -67,6 +68,27 @@ def cached(function: Callable[..., _Result], memory: MemoryLike) -> Callable[...
             return remembered(content, *key)
 
     return recall
+
+
+# Functions whose code this process has compared with that of the cache, by folder.
+_AGREED: set[tuple[str, str]] = set()
+
+
+def _agree_on_code(remembered: Any, location: str) -> None:
+    """Compare a function's code with what the cache holds of it, once in a process.
+
+    joblib does so before each entry, and writes it where it is missing: of two processes at once,
+    one would read what the other has written by half, take it for another function's, and wipe what
+    is kept of this one. Hence a lock of the function, not of the entry.
+    """
+    named = (str(location), str(remembered.func_id))
+    if named in _AGREED:
+        return
+    lock = _lock(location, joblib.hash(named), tell=False)
+    if lock is not None:
+        with lock:
+            remembered._check_previous_func_code(stacklevel=2)
+    _AGREED.add(named)
 
 
 def _store_of(memory: MemoryLike) -> joblib.Memory:
@@ -80,8 +102,8 @@ def _store_of(memory: MemoryLike) -> joblib.Memory:
         ) from error
 
 
-def _lock(location: str, name: str) -> FileLock | None:
-    """Return a lock that is not yet held, or None with a warning where nothing can be written."""
+def _lock(location: str, name: str, *, tell: bool = True) -> FileLock | None:
+    """Return a lock that is not yet held, or None, and a warning, where nothing can be written."""
     folder = Path(location) / "skfmap-locks"
     try:
         folder.mkdir(parents=True, exist_ok=True)
@@ -89,6 +111,8 @@ def _lock(location: str, name: str) -> FileLock | None:
         with lock:  # raises where it cannot be had
             pass
     except OSError as error:
+        if not tell:
+            return None
         warn(
             f"The cache {location} cannot be written to ({error}): what it holds is used, what it "
             "does not hold is computed and not kept.",

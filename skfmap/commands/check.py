@@ -4,7 +4,7 @@ import argparse
 import warnings
 from pathlib import Path
 
-from skfmap.commands.inputs import mesh_files
+from skfmap.commands.inputs import add_by_number, mesh_files
 from skfmap.datasets import load_collection
 from skfmap.exceptions import RepairWarning, SkippedShapeWarning
 from skfmap.health import check_mesh
@@ -23,6 +23,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the options of the verb."""
     parser.add_argument("meshes", nargs="+", type=Path, help="meshes, or folders of meshes")
     parser.add_argument("--pattern", default="*", help="which meshes of a folder, by name")
+    add_by_number(parser)
     parser.add_argument(
         "--laplacian",
         choices=["cotangent", "robust"],
@@ -40,17 +41,17 @@ def run(options: argparse.Namespace) -> int:
             print(report)
             sound &= report.usable(options.laplacian)
         if given.is_dir():
-            sound &= _check_folder(given, options.pattern)
+            sound &= _check_folder(given, options.pattern, by_number=options.by_number)
     return 0 if sound else 1
 
 
-def _check_folder(folder: Path, pattern: str) -> bool:
+def _check_folder(folder: Path, pattern: str, *, by_number: bool) -> bool:
     """Say what training would find in a folder; return whether it would leave nothing out."""
     try:
         with warnings.catch_warnings():
             for told in (RepairWarning, SkippedShapeWarning):  # here, in lines of its own
                 warnings.simplefilter("ignore", told)
-            collection = load_collection(folder, pattern, on_invalid="skip")
+            collection = load_collection(folder, pattern, on_invalid="skip", by_number=by_number)
     except (ValueError, OSError) as error:
         print(f"{folder} cannot be trained on: {error}")
         return False

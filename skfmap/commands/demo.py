@@ -1,21 +1,24 @@
 """The main job: learn on a collection, leave shapes out, and show what learning gains."""
 
 import argparse
+import shlex
 import tempfile
 import time
 import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
-import joblib
 import numpy as np
 from sklearn.pipeline import make_pipeline
 from sklearn.utils import Bunch
 
+from skfmap._tools.types import WeightingWord
 from skfmap._tools.validation import check_number
 from skfmap.basis import SpectralBasis
+from skfmap.commands.inputs import add_by_number, write_model
 from skfmap.datasets import load_collection, make_creatures
 from skfmap.descriptors import DescriptorTransformer
 from skfmap.exceptions import (
@@ -44,7 +47,7 @@ _MATCHINGS: dict[str, dict[str, Any]] = {
 
 
 # What the report and the pictures are of.
-_SHOWN = "function"
+_SHOWN: WeightingWord = "function"
 
 _GO_ON = " (--on-invalid skip goes on without what cannot be used, but for the reference.)"
 
@@ -83,6 +86,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--reference", help="name of the reference (default: the first in natural order)"
     )
+    add_by_number(parser)
     parser.add_argument(
         "--folds",
         type=int,
@@ -158,7 +162,7 @@ def _run(options: argparse.Namespace) -> None:
     _measure(shapes[0], scored[0], options)
     names = ", ".join(collection.names[i] for i in left_out)
     print(f"Leaving out one at a time: {names}. Reference: {collection.names[0]}.", flush=True)
-    results: dict[str | None, _Result] = {}
+    results: dict[WeightingWord | None, _Result] = {}
     with tempfile.TemporaryDirectory() as scratch:
         # Fits share known maps and distances.
         memory = options.cache or Path(scratch)
@@ -171,7 +175,9 @@ def _run(options: argparse.Namespace) -> None:
                 "training per fold",
                 flush=True,
             )
-        print("\n" + _table(results) + "\n" + _summary(results))
+        text = f"{_table(results)}\n{_summary(results)}"
+        (options.output / "errors.txt").write_text(f"{text}\n", encoding="utf-8")
+        print(f"\n{text}")
         _save(collection, shapes, left_out, results, options, memory)
 
 
@@ -183,7 +189,11 @@ def _collection(options: argparse.Namespace) -> Bunch:
     else:
         print(f"Reading {options.folder} ...", flush=True)
         collection = load_collection(
-            options.folder, options.pattern, options.reference, on_invalid=options.on_invalid
+            options.folder,
+            options.pattern,
+            options.reference,
+            on_invalid=options.on_invalid,
+            by_number=options.by_number,
         )
     counts = [mesh.n_vertices for mesh in collection.meshes if isinstance(mesh, Mesh)]
     print(
@@ -279,7 +289,7 @@ def _cross_validate(
     truths: list[Correspondence],
     scored: list[Correspondence],
     left_out: list[int],
-    weighting: str | None,
+    weighting: WeightingWord | None,
     options: argparse.Namespace,
     memory: Path,
 ) -> _Result:
@@ -314,7 +324,7 @@ def _cross_validate(
     return result
 
 
-def _table(results: dict[str | None, _Result]) -> str:
+def _table(results: dict[WeightingWord | None, _Result]) -> str:
     """Return the table: weighting against error of full, reduced and soft maps."""
     symmetric = all(
         e.symmetric is not None for result in results.values() for e in result.errors["full"]
@@ -340,7 +350,7 @@ def _table(results: dict[str | None, _Result]) -> str:
     return "\n".join(lines)
 
 
-def _summary(results: dict[str | None, _Result]) -> str:
+def _summary(results: dict[WeightingWord | None, _Result]) -> str:
     """Return in one line what learning changed."""
     changes = []
     for name in _MATCHINGS:
@@ -358,13 +368,12 @@ def _save(
     collection: Bunch,
     shapes: list[ProbedShape],
     left_out: list[int],
-    results: dict[str | None, _Result],
+    results: dict[WeightingWord | None, _Result],
     options: argparse.Namespace,
     memory: Path,
 ) -> None:
-    picture, model, report = (
-        options.output / name for name in ("matches.png", "model.joblib", "report.html")
-    )
+    picture, report = (options.output / name for name in ("matches.png", "report.html"))
+    model = options.output / f"model{'.skops' if find_spec('skops') else '.joblib'}"
     result, camera = results[_SHOWN], Camera(options.up)
     captions = [
         f"error {100 * errors.mean('direct'):.1f} % of sqrt(area)"
@@ -390,11 +399,11 @@ def _save(
         step.set_params(memory=None, n_jobs=None) for step in (*_transformers(options), learner)
     )
     basis.set_params(n_components=shapes[0].spectral.n_components)
-    joblib.dump(make_pipeline(basis, probes, learner), model)
+    write_model(make_pipeline(basis, probes, learner), model)
     print(f"\nReport, to open in a browser: {report}")
     print(f"Picture of the matches (weighting {_SHOWN!r}, refined): {picture}")
     print(f"Model trained on all {len(shapes)} shapes: {model}. To match a new shape with it:")
-    print(f'    model = joblib.load("{model}"); matches = skfmap.match(model, ["new.ply"])')
+    print(f"    {options.program} match {shlex.quote(str(model))} NEW.ply -o out")
 
 
 def _since(started: float) -> str:

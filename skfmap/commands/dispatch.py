@@ -13,7 +13,17 @@ from typing import Protocol
 
 from skfmap._tools.parallel import single_threaded
 from skfmap._version import __version__
-from skfmap.commands import check, demo, landmarks, match, register, report, train, transfer
+from skfmap.commands import (
+    check,
+    convert,
+    demo,
+    landmarks,
+    match,
+    register,
+    report,
+    train,
+    transfer,
+)
 
 __all__ = ["main", "parser_of", "split_verb"]
 
@@ -44,6 +54,7 @@ VERBS: dict[str, Verb] = {
     "transfer": transfer,
     "check": check,
     "report": report,
+    "convert": convert,
     "demo": demo,
 }
 

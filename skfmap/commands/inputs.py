@@ -16,6 +16,7 @@ from skfmap.persistence import load_model, save_model
 
 __all__ = [
     "PICKLED",
+    "add_by_number",
     "add_new_shapes",
     "check_model_path",
     "mesh_files",
@@ -37,6 +38,15 @@ def add_new_shapes(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         "meshes", nargs="+", type=Path, metavar="NEW", help="meshes, or folders of meshes"
+    )
+
+
+def add_by_number(parser: argparse.ArgumentParser) -> None:
+    """Add the option for meshes whose vertices correspond by their number."""
+    parser.add_argument(
+        "--by-number",
+        action="store_true",
+        help="vertices correspond by their number, whatever lies beside the meshes",
     )
 
 

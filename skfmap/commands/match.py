@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from skfmap.commands.new_shapes import Result, Work, add_common, run_on_new_shapes
-from skfmap.commands.outputs import write_table
+from skfmap.io import read_uv
 from skfmap.shapes import Match
 
 __all__ = ["DESCRIPTION", "HELP", "add_arguments", "doubt_of", "mean_error", "run"]
@@ -17,27 +17,57 @@ DESCRIPTION = (
     "Match new shapes to the reference of a model. Of each shape NAME, the file NAME.csv has a "
     "line for each vertex: the vertex of the reference that it lies on (counted from 0, -1 for "
     "none), the error to expect there in units of the square root of the reference's area, and "
-    "the confidence between 0 and 1."
+    "the confidence between 0 and 1. Other formats hold the same for other programs: npz (numpy), "
+    "ply (MeshLab, CloudCompare), glb (Blender), vtp and vtk (ParaView)."
 )
-_HEADER = ("vertex", "reference_vertex", "expected_error", "confidence")
+_FORMATS = ("csv", "npz", "ply", "glb", "vtp", "vtk")
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the options of the verb."""
     add_common(parser, "matches", "folder for the results")
+    parser.add_argument(
+        "--format", choices=_FORMATS, default="csv", help="of the results (default: csv)"
+    )
+    parser.add_argument(
+        "--texture", type=Path, help="an image that glb files get instead of colours, with --uv"
+    )
+    parser.add_argument(
+        "--uv",
+        type=Path,
+        help="the reference as an OBJ file with texture coordinates, of the same vertices",
+    )
 
 
 def run(options: argparse.Namespace) -> int:
     """Match, and return the exit status."""
-    work = Work(
-        ".csv",
-        ("expected error", "misfit", "familiar", "unmatched"),
-        lambda learner, shapes: learner.match(shapes),
-        _write,
-        "Errors are in units of sqrt(area) of the reference; a misfit above 1 is worse than any "
-        "training shape's.",
-    )
-    return run_on_new_shapes(options, lambda _: work, work.suffix)
+    if (options.uv is None) != (options.texture is None):
+        raise ValueError("--texture and --uv belong together: an image, and where it lies.")
+    if options.uv is not None and options.format != "glb":
+        raise ValueError("--texture and --uv are for --format glb.")
+    uv, suffix = None if options.uv is None else read_uv(options.uv), f".{options.format}"
+
+    def write(match: Match, path: Path) -> Result:
+        # Whether it may be written over was asked before.
+        match.save(path, uv=uv, texture=options.texture, overwrite=True)
+        n_unmatched = int((match.p2p < 0).sum())
+        cells = (mean_error(match), match.misfit, match.familiar, n_unmatched)
+        return Result(cells, doubt_of(match))
+
+    def work(learner: Any) -> Work:
+        n_0 = learner.reference_.spectral.n_given
+        if uv is not None and len(uv) != n_0:
+            raise ValueError(f"{options.uv} has {len(uv)} vertices, and the reference {n_0}.")
+        return Work(
+            suffix,
+            ("expected error", "misfit", "familiar", "unmatched"),
+            lambda learner, shapes: learner.match(shapes),
+            write,
+            "Errors are in units of sqrt(area) of the reference; a misfit above 1 is worse than "
+            "any training shape's.",
+        )
+
+    return run_on_new_shapes(options, work, suffix)
 
 
 def doubt_of(match: Match) -> tuple[float, float, float]:
@@ -51,14 +81,3 @@ def mean_error(match: Match) -> float | None:
     if match.expected_error is None or np.isnan(match.expected_error).all():
         return None
     return float(np.nanmean(match.expected_error))
-
-
-def _write(match: Match, path: Path) -> Result:
-    unknown = np.full(len(match.p2p), np.nan)
-    errors = unknown if match.expected_error is None else match.expected_error
-    confidence = unknown if match.confidence is None else match.confidence
-    columns: list[Any] = [match.p2p.tolist(), errors.tolist(), confidence.tolist()]
-    write_table(path, _HEADER, zip(range(len(match.p2p)), *columns, strict=True))
-    n_unmatched = int((match.p2p < 0).sum())
-    cells = (mean_error(match), match.misfit, match.familiar, n_unmatched)
-    return Result(cells, doubt_of(match))

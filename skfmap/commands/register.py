@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from skfmap.commands.new_shapes import Result, Work, add_common, run_on_new_shapes
-from skfmap.io import MESH_SUFFIXES, write_mesh
+from skfmap.io import WRITTEN_SUFFIXES, write_mesh
 from skfmap.registration import Registration
 from skfmap.shapes import Registered
 
@@ -26,9 +26,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_common(parser, "registered", "folder for the results")
     parser.add_argument(
         "--format",
-        choices=[suffix.removeprefix(".") for suffix in MESH_SUFFIXES if suffix != ".stl"],
+        choices=[suffix.removeprefix(".") for suffix in WRITTEN_SUFFIXES if suffix != ".stl"],
         default="ply",
-        help="of the meshes (default: ply; off and obj keep all digits)",
+        help="of the meshes (default: ply; off, obj, vtk and vtp keep all digits)",
     )
 
 

@@ -3,7 +3,7 @@
 import argparse
 from pathlib import Path
 
-from skfmap.commands.inputs import read_model
+from skfmap.commands.inputs import add_by_number, read_model
 from skfmap.commands.outputs import add_output, check_free
 from skfmap.datasets import load_collection
 
@@ -23,6 +23,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_output(parser, "report.html", "the page")
     parser.add_argument("--pattern", default="*", help="as it was for train")
     parser.add_argument("--reference", help="as it was for train")
+    add_by_number(parser)
     parser.add_argument(
         "--folds", type=int, default=5, help="in how many groups shapes are left out (default: 5)"
     )
@@ -36,7 +37,11 @@ def run(options: argparse.Namespace) -> int:
     check_free([options.output], force=options.force)
     model = read_model(options.model)
     collection = load_collection(
-        options.folder, options.pattern, options.reference, on_invalid="skip"
+        options.folder,
+        options.pattern,
+        options.reference,
+        on_invalid="skip",
+        by_number=options.by_number,
     )
     write_report(
         model,

@@ -13,9 +13,10 @@ from sklearn.pipeline import Pipeline, make_pipeline
 from sklearn.utils import Bunch
 
 from skfmap._tools.parallel import tell
+from skfmap._tools.types import RaiseOrSkip
 from skfmap._tools.validation import check_number
 from skfmap.basis import ON_INVALID, SpectralBasis
-from skfmap.commands.inputs import check_model_path, write_model
+from skfmap.commands.inputs import add_by_number, check_model_path, write_model
 from skfmap.commands.match import mean_error
 from skfmap.commands.outputs import add_output, check_free, show_table, write_table
 from skfmap.datasets import load_collection
@@ -54,6 +55,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--reference", help="name of the reference (default: the first in natural order)"
     )
+    add_by_number(parser)
     parser.add_argument(
         "--functions",
         type=int,
@@ -64,8 +66,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--refine",
         choices=_REFINEMENTS,
         default="auto",
-        help="how matches are refined; auto registers where there are landmarks, and else does "
-        f"what {learner.refine} does (default: auto)",
+        help="how matches are refined; auto is register where there are landmarks, else "
+        "bijective-zoomout (default: auto)",
     )
     parser.add_argument(
         "--laplacian",
@@ -119,7 +121,11 @@ def run(options: argparse.Namespace) -> int:
     check_free([options.output, *evaluated], force=options.force)
     _tell(options, f"reading {options.folder}")
     collection = load_collection(
-        options.folder, options.pattern, options.reference, on_invalid=options.on_invalid
+        options.folder,
+        options.pattern,
+        options.reference,
+        on_invalid=options.on_invalid,
+        by_number=options.by_number,
     )
     _tell(options, collection.DESCR)
     steps = _steps(collection, options)
@@ -149,7 +155,7 @@ def _steps(collection: Bunch, options: argparse.Namespace) -> tuple[Any, Any, An
     """Return basis, probes and learner, unfitted."""
     n_functions, n_components = _sizes(collection, options)
     shared = {"memory": options.memory, "n_jobs": options.jobs}
-    skips = "skip" if options.on_invalid == "skip" else "raise"
+    skips: RaiseOrSkip = "skip" if options.on_invalid == "skip" else "raise"
     basis = SpectralBasis(
         n_components,
         laplacian=options.laplacian,

@@ -1,7 +1,8 @@
 """Collections of shapes."""
 
+from skfmap.datasets._collection import Collection
 from skfmap.datasets._creatures import make_creatures
 from skfmap.datasets._folder import load_collection
 from skfmap.datasets._sphere import make_sphere
 
-__all__ = ["load_collection", "make_creatures", "make_sphere"]
+__all__ = ["Collection", "load_collection", "make_creatures", "make_sphere"]

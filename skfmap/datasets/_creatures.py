@@ -7,10 +7,10 @@ from typing import NamedTuple
 import numpy as np
 from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
-from sklearn.utils import Bunch
 
 from skfmap._tools.types import FloatArray
 from skfmap._tools.validation import check_choice, check_number, read_only
+from skfmap.datasets._collection import Collection
 from skfmap.datasets._creature_body import BODIES
 from skfmap.datasets._creature_field import mirror
 from skfmap.datasets._creature_mesh import mesh_body
@@ -49,7 +49,7 @@ def make_creatures(
     pose_strength: float = 1.0,
     variation: float = 0.12,
     random_state: int = 0,
-) -> Bunch:
+) -> Collection:
     """Make a collection of one four-legged creature in many poses.
 
     Parameters
@@ -75,7 +75,7 @@ def make_creatures(
 
     Returns
     -------
-    sklearn.utils.Bunch
+    Collection
         With ``meshes``, a list of `Mesh`; ``correspondences``, a list of `Correspondence` with
         symmetric answers; ``names``, a list of str; ``template_points``, an array of shape
         (n_points, 3) on the cat at rest, whose second half mirrors the first; ``up``, the axis that
@@ -116,10 +116,10 @@ def make_creatures(
     bodies = _check_bodies(body, n_shapes)
     looks = _Looks(n_vertices, n_points, pose_strength, variation, random_state)
     shapes = [_make_shape(index, name, looks) for index, name in enumerate(bodies)]
-    return Bunch(
+    return Collection(
         meshes=[mesh for mesh, _ in shapes],
         correspondences=[correspondence for _, correspondence in shapes],
-        names=[mesh.name for mesh, _ in shapes],
+        names=[str(mesh.name) for mesh, _ in shapes],
         template_points=_template(n_points, _TEMPLATE_BODY),
         up="z",
         DESCR=_DESCR.format(

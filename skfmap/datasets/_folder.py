@@ -6,11 +6,17 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-from sklearn.utils import Bunch
 
-from skfmap._tools.types import Array, BoolArray, FloatArray, IntArray
+from skfmap._tools.types import (
+    Array,
+    BoolArray,
+    FloatArray,
+    IntArray,
+    OnInvalid,
+)
 from skfmap._tools.validation import check_choice, check_index_range
 from skfmap._tools.warn import warn
+from skfmap.datasets._collection import Collection
 from skfmap.datasets._landmark_files import landmark_files, landmarks_on, only_one
 from skfmap.datasets._vertex_files import read_column
 from skfmap.exceptions import (
@@ -42,9 +48,9 @@ def load_collection(
     pattern: str = "*",
     reference: str | None = None,
     *,
-    on_invalid: str = "mend",
+    on_invalid: OnInvalid = "mend",
     by_number: bool = False,
-) -> Bunch:
+) -> Collection:
     """Load the meshes of a folder with their correspondences, the reference first.
 
     For each mesh ``NAME.off`` (or another format that `skfmap.io.read_mesh` reads) the first of
@@ -95,7 +101,7 @@ def load_collection(
 
     Returns
     -------
-    sklearn.utils.Bunch
+    Collection
         ``meshes`` (list of Mesh), ``paths`` (list of str, the same meshes as files: large ones need
         not be held all at a time), ``correspondences`` (list of Correspondence), ``landmarks``
         (list of Landmarks, None for meshes that have no file of them), ``names`` (list of str), and
@@ -179,7 +185,7 @@ def load_collection(
         ]
         how = "vertices correspond by number"
     out = f" ({len(meshes) - len(sound)} left out)" if len(sound) < len(meshes) else ""
-    return Bunch(
+    return Collection(
         meshes=meshes,
         paths=[str(path) for path in paths],
         correspondences=correspondences,

@@ -2,7 +2,7 @@
 
 import hashlib
 from collections.abc import Callable, Sequence
-from typing import Any, Self
+from typing import Any, Literal, Self
 
 import numpy as np
 import numpy.typing as npt
@@ -12,7 +12,7 @@ from sklearn.utils.metaestimators import _BaseComposition
 from skfmap._tools.caching import MemoryLike, cached, code_of
 from skfmap._tools.parallel import map_shapes
 from skfmap._tools.stateless import StatelessShapeTransformer
-from skfmap._tools.types import FloatArray
+from skfmap._tools.types import FloatArray, RaiseOrSkip
 from skfmap._tools.validation import check_choice
 from skfmap._version import Versioned
 from skfmap.descriptors.defaults import SHORTHANDS, default_families
@@ -69,9 +69,9 @@ class DescriptorTransformer(Versioned, StatelessShapeTransformer, _BaseCompositi
 
     def __init__(
         self,
-        families: list[tuple[str, ProbeFamily]] | str | None = None,
+        families: list[tuple[str, ProbeFamily]] | Literal["paper", "paper-310"] | None = None,
         *,
-        on_invalid: str = "raise",
+        on_invalid: RaiseOrSkip = "raise",
         memory: MemoryLike = None,
         n_jobs: int | None = None,
         verbose: int = 0,

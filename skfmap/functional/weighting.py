@@ -4,11 +4,11 @@ from collections.abc import Hashable, Sequence
 
 import numpy as np
 
-from skfmap._tools.types import IntArray
+from skfmap._tools.types import IntArray, WeightingWord
 
 __all__ = ["WEIGHTINGS", "check_weighting", "coarse_groups", "weight_groups"]
 
-WEIGHTINGS = (None, "unique", "category", "function")
+WEIGHTINGS: tuple[WeightingWord | None, ...] = (None, "unique", "category", "function")
 
 
 def weight_groups(

@@ -3,16 +3,20 @@
 from collections.abc import Iterable
 from pathlib import Path
 
-__all__ = ["MESH_SUFFIXES", "READ_SUFFIXES", "remedy_for", "unread_formats"]
+from skfmap.io.brains import FREESURFER_SUFFIXES
+
+__all__ = ["MESH_SUFFIXES", "READ_SUFFIXES", "WRITTEN_SUFFIXES", "remedy_for", "unread_formats"]
 
 MESH_SUFFIXES = (".off", ".obj", ".ply", ".stl")
-"""Formats that are read and written."""
+"""Formats that others are copies of for viewing, where both are there."""
 
-READ_SUFFIXES = (*MESH_SUFFIXES, ".glb", ".gltf", ".vtk", ".vtp")
+WRITTEN_SUFFIXES = (*MESH_SUFFIXES, ".glb", ".vtk", ".vtp")
+"""Formats that are written."""
+
+READ_SUFFIXES = (*MESH_SUFFIXES, ".glb", ".gltf", ".vtk", ".vtp", ".gii", *FREESURFER_SUFFIXES)
 """Formats that are read."""
 
 _PARAVIEW = "ParaView and 3D Slicer save it as PLY"
-_BRAINS = "nibabel reads it: Mesh(*nibabel.freesurfer.read_geometry(path))"
 _BLENDER = "Blender saves it as PLY or GLB"
 _CAD = "FreeCAD and Gmsh make it a mesh, and save that as PLY"
 _GMSH = "the command meshio convert makes it a PLY file"
@@ -21,8 +25,7 @@ _MESHLAB = "MeshLab saves it as PLY"
 # What other programs keep surfaces in, and how to get them out.
 _REMEDIES = {
     **dict.fromkeys((".vtm", ".vtu"), _PARAVIEW),
-    **dict.fromkeys((".inflated", ".orig", ".pial", ".smoothwm", ".sphere", ".white"), _BRAINS),
-    ".gii": "nibabel reads it: nibabel.load(path).agg_data()",
+    ".orig": "a surface of FreeSurfer is read where its name ends in .white, for instance",
     **dict.fromkeys((".blend", ".dae", ".fbx", ".usd", ".usda", ".usdc", ".usdz"), _BLENDER),
     **dict.fromkeys((".iges", ".igs", ".step", ".stp"), _CAD),
     **dict.fromkeys((".mesh", ".msh", ".xdmf"), _GMSH),

@@ -14,7 +14,13 @@ from skfmap.io.texts import ReadLandmarks, moved
 from skfmap.io.tps import read_tps, tps_of
 from skfmap.shapes import Landmarks
 
-__all__ = ["LANDMARK_SUFFIXES", "open_landmarks", "read_landmarks", "write_landmarks"]
+__all__ = [
+    "LANDMARK_SUFFIXES",
+    "WRITTEN_LANDMARK_SUFFIXES",
+    "open_landmarks",
+    "read_landmarks",
+    "write_landmarks",
+]
 
 _READERS: dict[str, Callable[[Path], ReadLandmarks]] = {
     ".fcsv": read_fcsv,
@@ -36,6 +42,10 @@ _WRITERS: dict[str, Callable[[Landmarks], str]] = {
 }
 
 LANDMARK_SUFFIXES = tuple(_READERS)
+"""Formats that landmarks are read from."""
+
+WRITTEN_LANDMARK_SUFFIXES = tuple(_WRITERS)
+"""Formats that landmarks are written as."""
 
 # Line breaks and what no text holds.
 _UNWRITABLE = ("Cc", "Cs", "Cn", "Zl", "Zp")

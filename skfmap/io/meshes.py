@@ -26,12 +26,14 @@ from skfmap._tools.warn import warn
 from skfmap.exceptions import MeshError, RepairWarning
 from skfmap.geometry.faults import sound_faces
 from skfmap.geometry.polygons import triangulate
-from skfmap.io.formats import MESH_SUFFIXES, READ_SUFFIXES, remedy_for
+from skfmap.io.brains import FREESURFER_SUFFIXES, read_freesurfer, read_gifti
+from skfmap.io.formats import READ_SUFFIXES, WRITTEN_SUFFIXES, remedy_for
 from skfmap.io.obj import read_obj
 from skfmap.io.off import read_off
 from skfmap.io.ply import read_ply
 from skfmap.io.scenes import read_gltf, read_stl
 from skfmap.io.vtk import read_vtk, read_vtp
+from skfmap.io.vtk_written import vtk_of, vtp_of
 from skfmap.shapes import GivenMesh, Mesh, Registered, SkippedShape
 
 __all__ = [
@@ -40,6 +42,7 @@ __all__ = [
     "as_mesh",
     "as_meshes",
     "check_meshes",
+    "check_single_precision",
     "n_vertices_of",
     "named",
     "open_given",
@@ -58,6 +61,8 @@ _OWN_READERS = {
     ".ply": read_ply,
     ".vtk": read_vtk,
     ".vtp": read_vtp,
+    ".gii": read_gifti,
+    **dict.fromkeys(FREESURFER_SUFFIXES, read_freesurfer),
 }
 _OTHER_READERS = {".stl": read_stl, ".glb": read_gltf, ".gltf": read_gltf}
 
@@ -85,7 +90,8 @@ MeshLike: TypeAlias = Mesh | SkippedShape | TrimeshLike | Sequence[npt.ArrayLike
 def read_mesh(path: str | Path) -> Mesh:
     """Read a mesh from a file; vertices keep their number and their order.
 
-    OFF, OBJ, PLY, STL, GLB, GLTF, and surfaces of VTK (.vtk, .vtp).
+    OFF, OBJ, PLY, STL, GLB, GLTF, surfaces of VTK (.vtk, .vtp), and those of brains: GIFTI
+    (.surf.gii), and FreeSurfer's (.pial, .white and others) in its surface coordinates.
 
     STL files have no vertex numbers: there, corners at exactly one position become one vertex,
     numbered by first appearance. Faces of more than three corners are cut into triangles that cover
@@ -185,8 +191,8 @@ def as_far_as_sound(vertices: FloatArray, faces: IntArray, name: str) -> tuple[M
 def write_mesh(mesh: Mesh | Registered, path: str | Path) -> None:
     """Write a mesh; the suffix of ``path`` chooses the format.
 
-    OFF and OBJ keep sixteen digits of the largest coordinate, whatever its unit. PLY and STL hold
-    single precision, some seven digits of it. STL loses the numbering.
+    OFF and OBJ keep sixteen digits of the largest coordinate, whatever its unit, VTK and VTP all.
+    PLY, STL and GLB hold single precision, some seven digits. STL loses the numbering.
 
     Parameters
     ----------
@@ -194,7 +200,7 @@ def write_mesh(mesh: Mesh | Registered, path: str | Path) -> None:
         The mesh, or one of those that `skfmap.register` returns. Vertices and faces are written,
         and nothing else: no colours, no texture coordinates.
     path : str or Path
-        File to write: .off, .obj, .ply or .stl.
+        File to write: .off, .obj, .ply, .stl, .glb, .vtk or .vtp.
 
     Raises
     ------
@@ -226,15 +232,19 @@ def write_mesh(mesh: Mesh | Registered, path: str | Path) -> None:
             f"{type(mesh).__name__}.{remedies.get(type(mesh), '')}"
         )
     suffix = Path(path).suffix.lower()
-    if suffix not in MESH_SUFFIXES:
+    if suffix not in WRITTEN_SUFFIXES:
         raise ValueError(
-            f"{path} has the suffix {suffix!r}; skfmap writes {', '.join(MESH_SUFFIXES)}."
+            f"{path} has the suffix {suffix!r}; skfmap writes {', '.join(WRITTEN_SUFFIXES)}."
         )
     check_folder(path)
+    if suffix in (".vtk", ".vtp"):
+        content = (vtk_of if suffix == ".vtk" else vtp_of)(mesh.vertices, mesh.faces, {})
+        Path(path).write_bytes(content)
+        return
     import trimesh  # noqa: PLC0415
 
-    if suffix in (".ply", ".stl"):
-        _check_single_precision(mesh, path)
+    if suffix in (".ply", ".stl", ".glb"):
+        check_single_precision(mesh, path)
         options = {}
     else:
         # The writer takes a number of decimals, not of digits, of which a float has sixteen.
@@ -243,7 +253,8 @@ def write_mesh(mesh: Mesh | Registered, path: str | Path) -> None:
     trimesh.Trimesh(mesh.vertices, mesh.faces, process=False).export(path, **options)
 
 
-def _check_single_precision(mesh: Mesh, path: str | Path) -> None:
+def check_single_precision(mesh: Mesh, path: str | Path) -> None:
+    """Raise a ValueError if single precision cannot hold a mesh that is to be written."""
     with np.errstate(all="ignore"):
         lost = np.abs(mesh.vertices.astype(np.float32).astype(np.float64) - mesh.vertices).max()
     if not lost <= _MOST_LOST * np.ptp(mesh.vertices, axis=0).max():
@@ -273,9 +284,10 @@ def as_mesh(item: MeshLike, index: int | None = None) -> Mesh:
         vertices, faces = cast("tuple[FloatArray, IntArray]", item)  # Mesh checks them
         return Mesh(vertices, faces, name=name)
     where = "" if index is None else f"X[{index}] is "
+    remedy = " Give its .mesh." if hasattr(type(item), "mesh") else ""
     raise TypeError(
         f"{where}a {type(item).__name__}; a mesh is a skfmap.Mesh, a trimesh.Trimesh, a "
-        "(vertices, faces) pair or a path."
+        f"(vertices, faces) pair or a path.{remedy}"
     )
 
 

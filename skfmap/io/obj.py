@@ -1,6 +1,7 @@
-"""OBJ files: vertices and polygons as text; texture, normals and materials are left out."""
+"""OBJ files: vertices and polygons as text; normals and materials are left out."""
 
 import re
+from pathlib import Path
 
 import numpy as np
 
@@ -8,7 +9,7 @@ from skfmap._tools.types import FloatArray
 from skfmap.exceptions import MeshError
 from skfmap.io.numbers import Polygons, as_text, table_of_lines
 
-__all__ = ["read_obj"]
+__all__ = ["read_obj", "read_uv"]
 
 _CONTINUED = re.compile(rb"\\\r?\n")
 # Surfaces that are no polygons.
@@ -65,3 +66,61 @@ def _number(word: bytes, n_vertices: int, line: bytes) -> int:
             f"has a face with vertex 0, or before it ({said!r}); OBJ files count from 1."
         )
     return number - 1 if number > 0 else n_vertices + number
+
+
+def read_uv(path: str | Path) -> FloatArray:
+    r"""Return the texture coordinates of the vertices of an OBJ file.
+
+    A vertex on a seam of the texture has several; the first that a face gives it is taken.
+
+    Parameters
+    ----------
+    path : str or Path
+        File to read.
+
+    Returns
+    -------
+    ndarray of shape (n_vertices, 2)
+        From the lower left corner of the image, of the vertices in the order of the file; NaN where
+        no face gives any.
+
+    Raises
+    ------
+    FileNotFoundError
+        If there is no such file.
+    MeshError
+        If it holds no texture coordinates.
+
+    Examples
+    --------
+    >>> import pathlib, tempfile
+    >>> from skfmap.io import read_uv
+    >>> path = pathlib.Path(tempfile.mkdtemp()) / "one.obj"
+    >>> corners = "v 0 0 0\nv 1 0 0\nv 0 1 0\nvt 0 0\nvt 1 0\nvt 0 1\n"
+    >>> _ = path.write_text(corners + "f 1/3 2/1 3/2\n")
+    >>> read_uv(path).tolist()
+    [[0.0, 1.0], [0.0, 0.0], [1.0, 0.0]]
+    """
+    if not Path(path).is_file():
+        raise FileNotFoundError(f"There is no mesh file {path}.")
+    n_vertices, places, pairs = 0, list[bytes](), dict[int, int]()
+    for line in _CONTINUED.sub(b" ", as_text(Path(path).read_bytes())).splitlines():
+        words = line.split(b"#", maxsplit=1)[0].split() or [b""]
+        if words[0] == b"v":
+            n_vertices += 1
+        elif words[0] == b"vt":
+            places.append(b" ".join([*words[1:3], b"0"][:2]))
+        elif words[0] == b"f":
+            for word in words[1:]:
+                parts = word.split(b"/")
+                if len(parts) > 1 and parts[1]:
+                    vertex = _number(word, n_vertices, line)
+                    pairs.setdefault(vertex, _number(parts[1], len(places), line))
+    if not pairs or max(pairs) >= n_vertices or max(pairs.values()) >= len(places):
+        raise MeshError(
+            f"{path} holds no texture coordinates for its faces, or not all that they name. Export "
+            "it with them: in Blender, tick UV Coordinates."
+        )
+    uv = np.full((n_vertices, 2), np.nan)
+    uv[list(pairs)] = table_of_lines(places, range(2), "a texture coordinate")[list(pairs.values())]
+    return uv

@@ -59,14 +59,15 @@ def stack_landmarks(
     Parameters
     ----------
     landmarks : sequence of Landmarks
-        One for each specimen.
+        One for each row. Their own names are not compared: a specimen that was measured twice has
+        two rows.
     names : sequence of str, optional
         Which landmarks, in which order; by default all, see `landmark_names`.
 
     Returns
     -------
     ndarray of shape (n_specimens, n_landmarks, 3)
-        In units of the meshes; NaN where a specimen lacks a landmark.
+        Rows in the order given, in units of the meshes; NaN where a specimen lacks a landmark.
 
     Raises
     ------

@@ -1,6 +1,6 @@
 """Matches through a training shape that is near, whose way to the reference is known."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from functools import partial
 from typing import Any, Self
@@ -15,12 +15,19 @@ from skfmap._measures import PairErrors, mean_over_shapes
 from skfmap._tools.callbacks import FitTask
 from skfmap._tools.parallel import map_shapes
 from skfmap._tools.ties import first_of_least
-from skfmap._tools.types import FloatArray, IntArray
+from skfmap._tools.types import (
+    DistanceMethod,
+    FloatArray,
+    IntArray,
+    Interpolation,
+    RefineOverride,
+)
 from skfmap._tools.validation import check_sample_weight
 from skfmap._version import Versioned
 from skfmap.functional.ground_truth import map_from_pairs
 from skfmap.functional.regularization import laplacian_mask
 from skfmap.functional.residuals import residual_covariance
+from skfmap.learner.about_meshes import with_meshes
 from skfmap.learner.across import Across, cross_over
 from skfmap.learner.confidence import Confidence
 from skfmap.learner.diagnostics import diagnose_new_shapes, is_mirrored, report
@@ -184,8 +191,8 @@ class BridgedLearner(Versioned, BaseEstimator):
         self,
         X: Sequence[ProbedItem],
         *,
-        refine: str | Refinement | None = "fitted",
-        interpolate: str | None = None,
+        refine: RefineOverride | Refinement | None = "fitted",
+        interpolate: Interpolation = None,
     ) -> list[Match]:
         """Match the points of each shape to those of the reference, through the bridge.
 
@@ -215,10 +222,31 @@ class BridgedLearner(Versioned, BaseEstimator):
         familiar = [match.familiar for match in matches]
         report(diagnose_new_shapes(usable, [is_mirrored(one) for one in direct], familiar))
         return put_back(
-            matches,
+            with_meshes(matches, usable.shapes, matcher.reference),
             usable,
             lambda one: no_match(one, matcher, assessed=self.confidence_ is not None),
         )
+
+    def match_between(
+        self, X: Sequence[ProbedItem], pairs: Iterable[tuple[int, int]] | None = None
+    ) -> list[Match]:
+        """Match shapes to one another, in what they have in common with the bridge.
+
+        The way from the bridge to the reference plays no part in it.
+
+        Parameters
+        ----------
+        X, pairs : optional
+            As in `WeightedFunctionalMapLearner.match_between`.
+
+        Returns
+        -------
+        list of Match
+            One for each pair.
+        """
+        check_is_fitted(self)
+        learner = self.estimator_ if self.bridge_ is None else self.bridge_
+        return learner.match_between(X, pairs)
 
     def point_maps(self, X: Sequence[ProbedItem], **how: Any) -> list[IntArray]:
         """Return point maps alone; parameters as in `WeightedFunctionalMapLearner.point_maps`.
@@ -250,7 +278,7 @@ class BridgedLearner(Versioned, BaseEstimator):
         X: Sequence[ProbedItem],
         y: Sequence[Answer],
         *,
-        method: str = "heat",
+        method: DistanceMethod = "heat",
         reference_y: Answer | None = None,
         **how: Any,
     ) -> list[PairErrors]:

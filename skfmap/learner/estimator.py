@@ -1,9 +1,9 @@
 """Learn which probe functions to trust, and which functions map stably."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
 from functools import partial
-from typing import Any, Self
+from typing import Any, Literal, Self
 
 import numpy as np
 from joblib import cpu_count, effective_n_jobs
@@ -16,7 +16,24 @@ from skfmap._tools.caching import MemoryLike
 from skfmap._tools.callbacks import CallbackSupportMixin, FitTask, with_callbacks
 from skfmap._tools.fitted import fitted_attribute
 from skfmap._tools.parallel import map_shapes, single_threaded, tell
-from skfmap._tools.types import Array, FloatArray, IntArray
+from skfmap._tools.types import (
+    Array,
+    Confidences,
+    DistanceMethod,
+    FloatArray,
+    IntArray,
+    Interpolation,
+    KnownMapsWord,
+    Matching,
+    MatchingOverride,
+    Normalize,
+    OnMirrored,
+    RaiseOrSkip,
+    RefineOverride,
+    RefineWord,
+    RegularizerWord,
+    Weighting,
+)
 from skfmap._tools.validation import check_choice, check_number, check_sample_weight, label
 from skfmap._version import Versioned
 from skfmap.functional.learning import LearnedMaps
@@ -24,6 +41,8 @@ from skfmap.functional.regularization import Regularizer
 from skfmap.functional.stable_basis import missed_by_maps
 from skfmap.ground_truth import join_with_reference, known_maps, warn_of_coverage
 from skfmap.known_maps import KnownMaps, KnownMapsRecord
+from skfmap.learner.about_meshes import with_meshes
+from skfmap.learner.between import check_wanted, match_pairs, matched_once, only_wanted
 from skfmap.learner.confidence import Confidence
 from skfmap.learner.diagnostics import (
     Finding,
@@ -56,7 +75,7 @@ from skfmap.learner.parameters import (
 from skfmap.learner.parts import check_part_is_object, fit_part
 from skfmap.learner.predicted_landmarks import LandmarkPredictor
 from skfmap.learner.scoring import score_point_maps
-from skfmap.learner.training_set import FitRecord, TrainingSet, Weighting
+from skfmap.learner.training_set import FitRecord, TrainingSet
 from skfmap.refinement import Refinement
 from skfmap.registration import Registration
 from skfmap.shapes import Correspondence, Landmarks, Match, ProbedShape, Registered
@@ -67,6 +86,11 @@ __all__ = ["WeightedFunctionalMapLearner"]
 
 class WeightedFunctionalMapLearner(CallbackSupportMixin, Versioned, BaseEstimator):
     r"""Learn probe weights D and a stable basis Y from shapes with known correspondences.
+
+    It is the last step of a pipeline. ``predict``, which pipelines and searches have too, returns
+    the reduced functional maps of the paper, arrays of shape (n_shapes, k, p). Point maps, with
+    errors to expect, are asked for by ``skfmap.match(model, X)``: a Pipeline passes no method
+    ``match`` on to its last step.
 
     For a new shape S_i, the functional map is (equation 2 of the paper)
 
@@ -241,8 +265,8 @@ class WeightedFunctionalMapLearner(CallbackSupportMixin, Versioned, BaseEstimato
     """
 
     # Of models that were saved before this was a parameter.
-    on_mirrored: str = "warn"
-    known_maps: str | KnownMaps | None = "auto"
+    on_mirrored: OnMirrored = "warn"
+    known_maps: KnownMapsWord | KnownMaps | None = "auto"
 
     matcher_: Matcher
     confidence_: Confidence | None
@@ -276,20 +300,20 @@ class WeightedFunctionalMapLearner(CallbackSupportMixin, Versioned, BaseEstimato
         *,
         n_functions: int = 50,
         weighting: Weighting = "function",
-        epsilon: float | str = "auto",
+        epsilon: float | Literal["auto"] = "auto",
         alpha: float = 0.01,
-        regularizer: str | Regularizer = "laplacian",
-        normalize: str = "shape",
-        known_maps: str | KnownMaps | None = "auto",
+        regularizer: RegularizerWord | Regularizer = "laplacian",
+        normalize: Normalize = "shape",
+        known_maps: KnownMapsWord | KnownMaps | None = "auto",
         reference: str = "first",
         max_iter: int = 1000,
         tol: float = 1e-4,
         n_stable: float | None = None,
-        matching: str = "soft",
-        refine: str | Refinement | None = "auto",
-        on_mirrored: str = "warn",
-        confidence: str | Confidence | None = "cross-fit",
-        on_invalid: str = "raise",
+        matching: Matching = "soft",
+        refine: RefineWord | Refinement | None = "auto",
+        on_mirrored: OnMirrored = "warn",
+        confidence: Confidences | Confidence | None = "cross-fit",
+        on_invalid: RaiseOrSkip = "raise",
         memory: MemoryLike = None,
         n_jobs: int | None = None,
         verbose: int = 0,
@@ -474,8 +498,8 @@ class WeightedFunctionalMapLearner(CallbackSupportMixin, Versioned, BaseEstimato
         self,
         X: Sequence[ProbedItem],
         *,
-        refine: str | Refinement | None = "fitted",
-        interpolate: str | None = None,
+        refine: RefineOverride | Refinement | None = "fitted",
+        interpolate: Interpolation = None,
     ) -> list[Match]:
         """Match the points of each shape to those of the reference, in the stable functions.
 
@@ -510,17 +534,65 @@ class WeightedFunctionalMapLearner(CallbackSupportMixin, Versioned, BaseEstimato
         """
         usable = self._usable(X)
         found = self._matched(usable.shapes, refine, interpolate)
-        mirrored, familiar, misfits = (
-            [is_mirrored(one.solution) for one in found],
-            [one.match.familiar for one in found],
-            [one.misfit for one in found],
-        )
-        report(diagnose_new_shapes(usable, mirrored, familiar, misfits))
+        self._report_found(usable, found)
         assessed = self.confidence_ is not None
         return put_back(
-            [one.match for one in found],
+            with_meshes([one.match for one in found], usable.shapes, self.reference_),
             usable,
             lambda skipped: no_match(skipped, self.matcher_, assessed=assessed),
+        )
+
+    def match_between(
+        self, X: Sequence[ProbedItem], pairs: Iterable[tuple[int, int]] | None = None
+    ) -> list[Match]:
+        """Match shapes to one another, in what they have in common with the reference.
+
+        Each shape is matched to the reference once. Its pairs are then matched in the embedding
+        that all shapes share, refined by two steps of both directions; or, with
+        ``refine="register"``, through the reference's surface, which lies on each of them.
+
+        Parameters
+        ----------
+        X : sequence of ProbedShape
+            New shapes.
+        pairs : iterable of (int, int), optional
+            From which shape to which: indices (i, j) into ``X``. All pairs of different shapes, in
+            both directions, by default: (0, 1), (0, 2), ..., (1, 0), ...
+
+        Returns
+        -------
+        list of Match
+            One for each pair, whose reference is ``X[j]``: ``p2p`` sends vertices of ``X[i]`` to
+            vertices of ``X[j]``, ``functional_map`` pulls functions on ``X[j]`` back to ``X[i]``,
+            both k x k; ``reduced_map`` holds the images on ``X[i]`` of the p most stable functions
+            as they are on ``X[j]``. ``expected_error`` combines those of the two matches to the
+            reference, in units of sqrt(area) of ``X[j]``. Where either shape was left out, -1 and
+            NaN.
+
+        Raises
+        ------
+        TypeError, ValueError
+            If ``pairs`` does not hold pairs of indices into ``X``.
+
+        Warns
+        -----
+        OrientationWarning, UnfamiliarShapeWarning
+            As in `match`, of each shape once.
+
+        Notes
+        -----
+        The way back is that of the same search: ``p2p`` of (j, i) is ``inverse`` of (i, j). A shape
+        is kept by its points in the embedding, 5 MB for 5,000 vertices and 120 functions, beside
+        the answers; ask for some of the pairs at a time where there are many.
+        """
+        usable = self._usable(X)
+        wanted = check_wanted(pairs, len(usable.shapes) + len(usable.skipped))
+        usable = only_wanted(usable, wanted)
+        matched = matched_once(self.matcher_, self.confidence_, usable.shapes, self.n_jobs)
+        self._report_found(usable, [one.found for one in matched])
+        by_index = dict(zip(usable.indices, matched, strict=True))
+        return match_pairs(
+            self.matcher_, self.confidence_, by_index, usable.skipped, wanted, self.n_jobs
         )
 
     def register(self, X: Sequence[ProbedItem]) -> list[Registered]:
@@ -637,9 +709,9 @@ class WeightedFunctionalMapLearner(CallbackSupportMixin, Versioned, BaseEstimato
         self,
         X: Sequence[ProbedItem],
         *,
-        matching: str = "fitted",
-        n_stable: float | str | None = "fitted",
-        refine: str | Refinement | None = "fitted",
+        matching: MatchingOverride = "fitted",
+        n_stable: float | Literal["fitted"] | None = "fitted",
+        refine: RefineOverride | Refinement | None = "fitted",
     ) -> list[IntArray]:
         """Return point maps only, optionally matched in other functions than the parameters say.
 
@@ -684,10 +756,10 @@ class WeightedFunctionalMapLearner(CallbackSupportMixin, Versioned, BaseEstimato
         X: Sequence[ProbedItem],
         y: Sequence[Answer],
         *,
-        method: str = "heat",
-        matching: str = "fitted",
-        n_stable: float | str | None = "fitted",
-        refine: str | Refinement | None = "fitted",
+        method: DistanceMethod = "heat",
+        matching: MatchingOverride = "fitted",
+        n_stable: float | Literal["fitted"] | None = "fitted",
+        refine: RefineOverride | Refinement | None = "fitted",
         reference_y: Answer | None = None,
     ) -> list[PairErrors]:
         """Match shapes with known correspondences and return the error at each pair.
@@ -844,6 +916,15 @@ class WeightedFunctionalMapLearner(CallbackSupportMixin, Versioned, BaseEstimato
             verbose=0,
             prefer="threads",
         )
+
+    def _report_found(self, usable: Usable, found: Sequence[MatchedShape]) -> None:
+        """Tell what the matches of new shapes show."""
+        mirrored, familiar, misfits = (
+            [is_mirrored(one.solution) for one in found],
+            [one.match.familiar for one in found],
+            [one.misfit for one in found],
+        )
+        report(diagnose_new_shapes(usable, mirrored, familiar, misfits))
 
     def _matched(
         self,

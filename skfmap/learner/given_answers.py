@@ -16,7 +16,7 @@ from skfmap.geometry.geodesics import mean_edge_length
 from skfmap.geometry.normals import vertex_normals
 from skfmap.geometry.places import Places, Surface, surface_of_places
 from skfmap.io import open_given
-from skfmap.shapes import Correspondence, Match, Mesh, ProbedShape, SpectralShape
+from skfmap.shapes import Correspondence, GivenMesh, Match, Mesh, ProbedShape, SpectralShape
 
 __all__ = [
     "GivenReference",
@@ -154,6 +154,8 @@ def drawn_on_working_meshes(
         matrix=None,
         inverse=None,
         reference_hash=reference.mesh.content_hash,
+        given=GivenMesh.of(spectral.mesh),
+        reference_given=GivenMesh.of(reference.mesh),
     )
 
 

@@ -95,7 +95,7 @@ def is_against(
 def _image(spectral: SpectralShape) -> SpectralShape:
     mesh, places, given = spectral.mesh, spectral.prolongation, spectral.given
     if given is None:
-        given = GivenMesh(mesh.name, mesh.n_vertices, mesh.n_faces, mesh.content_hash, mesh)
+        given = GivenMesh.of(mesh)
     if places is not None:  # weights of the second and third corner, which change places
         places = Prolongation(places.face, places.coordinates[:, ::-1])
     return replace(

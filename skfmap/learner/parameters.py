@@ -1,11 +1,22 @@
 """The learner's parameters: which values can be used, and what words stand for."""
 
 from dataclasses import replace
-from typing import Any, Protocol
+from typing import Any, Literal, Protocol
 
 import numpy as np
 
 from skfmap._tools.part import Part
+from skfmap._tools.types import (
+    Confidences,
+    KnownMapsWord,
+    Matching,
+    Normalize,
+    OnMirrored,
+    RaiseOrSkip,
+    RefineWord,
+    RegularizerWord,
+    Weighting,
+)
 from skfmap._tools.validation import check_choice, check_number
 from skfmap.functional.regularization import LEARNED, REGULARIZERS, Regularizer
 from skfmap.functional.weighting import WEIGHTINGS
@@ -13,7 +24,7 @@ from skfmap.known_maps import KNOWN_MAPS, KnownMaps
 from skfmap.learner.confidence import Confidence, CrossFitConfidence
 from skfmap.learner.matcher import MATCHINGS, Matcher
 from skfmap.learner.parts import make_part, same_part
-from skfmap.learner.training_set import LearningOptions, Weighting
+from skfmap.learner.training_set import LearningOptions
 from skfmap.refinement import REFINEMENTS, Refinement
 from skfmap.registration import Registration
 
@@ -44,18 +55,18 @@ class Parameters(Protocol):
 
     n_functions: int
     weighting: Weighting
-    epsilon: float | str
+    epsilon: float | Literal["auto"]
     alpha: float
-    regularizer: str | Regularizer
-    normalize: str
+    regularizer: RegularizerWord | Regularizer
+    normalize: Normalize
     n_stable: float | None
-    matching: str
-    refine: str | Refinement | None
-    confidence: str | Confidence | None
-    known_maps: str | KnownMaps | None
+    matching: Matching
+    refine: RefineWord | Refinement | None
+    confidence: Confidences | Confidence | None
+    known_maps: KnownMapsWord | KnownMaps | None
     reference: str
-    on_invalid: str
-    on_mirrored: str
+    on_invalid: RaiseOrSkip
+    on_mirrored: OnMirrored
     max_iter: int
     tol: float
 

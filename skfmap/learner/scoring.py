@@ -6,7 +6,7 @@ import numpy as np
 
 from skfmap._measures import PairErrors, PlaceDistances, pair_errors, reference_distances
 from skfmap._tools.caching import MemoryLike
-from skfmap._tools.types import IntArray
+from skfmap._tools.types import DistanceMethod, IntArray
 from skfmap.learner.inputs import check_correspondences
 from skfmap.shapes import Correspondence, ProbedShape
 from skfmap.shapes.usable import Answer, Usable, put_back
@@ -26,7 +26,7 @@ def score_point_maps(
     truth_0: Correspondence,
     *,
     reference_y: Answer | None = None,
-    method: str = "heat",
+    method: DistanceMethod = "heat",
     memory: MemoryLike = None,
     n_jobs: int | None = None,
 ) -> list[PairErrors]:

@@ -2,12 +2,17 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any, NamedTuple, Self, TypeAlias
+from typing import Any, NamedTuple, Self
 
 import numpy as np
 
 from skfmap._tools.caching import MemoryLike
-from skfmap._tools.types import BoolArray, FloatArray, IntArray
+from skfmap._tools.types import (
+    BoolArray,
+    FloatArray,
+    IntArray,
+    Weighting,
+)
 from skfmap._tools.validation import check_sample_weight
 from skfmap.exceptions import CorrespondenceError, MeshError
 from skfmap.functional.learning import LearnedMaps, learn_functional_maps
@@ -34,8 +39,6 @@ from skfmap.shapes import Correspondence, JoinedPairs, ProbedShape, SkippedShape
 from skfmap.shapes.usable import Answer, ProbedItem, describe, skipped_message
 
 __all__ = ["FitRecord", "LearningOptions", "Observed", "TrainingSet"]
-
-Weighting: TypeAlias = str | Sequence[Any] | Callable[..., Any] | None
 
 
 class LearningOptions(NamedTuple):

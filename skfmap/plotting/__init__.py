@@ -6,7 +6,13 @@ Figures of matplotlib, which need no screen, and pages in which shapes can be tu
 from skfmap.plotting._basis_error import BasisErrorDisplay
 from skfmap.plotting._camera import Camera
 from skfmap.plotting._error_curve import ErrorCurveDisplay
-from skfmap.plotting._page import write_functions_page, write_matches_page
+from skfmap.plotting._page import (
+    Page,
+    functions_page,
+    matches_page,
+    write_functions_page,
+    write_matches_page,
+)
 from skfmap.plotting._pictures import plot_function, plot_functions, plot_matches
 from skfmap.plotting._reliability import ReliabilityDisplay
 from skfmap.plotting._singular_values import SingularValuesDisplay
@@ -16,9 +22,12 @@ __all__ = [
     "BasisErrorDisplay",
     "Camera",
     "ErrorCurveDisplay",
+    "Page",
     "ReliabilityDisplay",
     "SingularValuesDisplay",
     "WeightsDisplay",
+    "functions_page",
+    "matches_page",
     "plot_function",
     "plot_functions",
     "plot_matches",

@@ -6,12 +6,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from skfmap._tools.ties import ROUNDING, first_of_largest
 from skfmap._tools.types import FloatArray
 from skfmap._tools.validation import as_reals
-from skfmap.shapes import Mesh
 
-__all__ = ["CONFIDENCE", "ERRORS", "UNKNOWN", "Scale", "colours_of_position", "scale_of"]
+__all__ = ["CONFIDENCE", "ERRORS", "UNKNOWN", "Scale", "scale_of"]
 
 UNKNOWN = (0.72, 0.72, 0.72)
 """Grey, for vertices that have no value."""
@@ -90,41 +88,3 @@ def _check_cmap(cmap: str) -> None:
 
     if cmap not in colormaps:
         raise ValueError(f"cmap must be the name of a colour map of matplotlib; got {cmap!r}.")
-
-
-def colours_of_position(mesh: Mesh) -> FloatArray:
-    """Return a colour for each vertex that tells where on the mesh it is.
-
-    Along the longest axis colours go from blue to yellow, which nearly everyone can tell apart;
-    along the shortest from dark green to light red, and along the third they become lighter.
-    """
-    centred = mesh.vertices - mesh.vertices.mean(axis=0)
-    _, axes = np.linalg.eigh(centred.T @ centred)
-    largest = np.array([axis[first_of_largest(np.abs(axis), ROUNDING)] for axis in axes.T])
-    axes = axes * np.where(largest < 0, -1, 1)
-    along = centred @ axes
-    short, middle, long = (
-        2 * (along - along.min(axis=0)) / np.maximum(np.ptp(along, axis=0), 1e-300) - 1
-    ).T
-    # Chosen by eye: strong colours of which few leave sRGB (3 % of the points of a ball, clipped).
-    return _srgb_of_oklab(0.68 + 0.07 * middle + 0.09 * short, 0.13 * short, 0.13 * long)
-
-
-def _srgb_of_oklab(lightness: FloatArray, red: FloatArray, yellow: FloatArray) -> FloatArray:
-    """Return sRGB (IEC 61966-2-1) of Oklab (B. Ottosson, "A perceptual color space", 2020)."""
-    roots = np.column_stack(
-        [
-            lightness + 0.3963377774 * red + 0.2158037573 * yellow,
-            lightness - 0.1055613458 * red - 0.0638541728 * yellow,
-            lightness - 0.0894841775 * red - 1.2914855480 * yellow,
-        ]
-    )
-    to_linear = np.array(
-        [
-            [4.0767416621, -3.3077115913, 0.2309699292],
-            [-1.2684380046, 2.6097574011, -0.3413193965],
-            [-0.0041960863, -0.7034186147, 1.7076147010],
-        ]
-    )
-    linear = np.clip(roots**3 @ to_linear.T, 0, 1)
-    return np.where(linear <= 0.0031308, 12.92 * linear, 1.055 * linear ** (1 / 2.4) - 0.055)

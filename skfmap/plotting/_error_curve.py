@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from sklearn.base import BaseEstimator
 
-from skfmap._tools.types import FloatArray
+from skfmap._tools.types import ErrorKind, FloatArray, MatchingOverride
 from skfmap._tools.unwrap import learner_and_shapes
 from skfmap._tools.validation import check_choice
 from skfmap.metrics import ERROR_KINDS, PairErrors, error_curve
@@ -65,7 +65,7 @@ class ErrorCurveDisplay:
         errors: ArrayLike,
         *,
         weights: FloatArray | None = None,
-        kind: str = "direct",
+        kind: ErrorKind = "direct",
         name: str | None = None,
     ) -> None:
         self.errors = errors
@@ -80,8 +80,8 @@ class ErrorCurveDisplay:
         X: Sequence[Any],
         y: Sequence[Correspondence | ArrayLike],
         *,
-        kind: str = "direct",
-        matching: str = "fitted",
+        kind: ErrorKind = "direct",
+        matching: MatchingOverride = "fitted",
         n_stable: float | str | None = "fitted",
         refine: Refinement | str | None = "fitted",
         reference_y: Correspondence | ArrayLike | None = None,
@@ -125,7 +125,7 @@ class ErrorCurveDisplay:
         cls,
         errors: PairErrors | Sequence[PairErrors | float] | FloatArray,
         *,
-        kind: str = "direct",
+        kind: ErrorKind = "direct",
         name: str | None = None,
         ax: "Axes | None" = None,
         **kwargs: Any,

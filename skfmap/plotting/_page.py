@@ -21,7 +21,13 @@ from skfmap.plotting._colours import UNKNOWN, Scale, undefined_as_nan
 from skfmap.plotting._scene import Panel, Scene, scene_of_functions, scene_of_matches
 from skfmap.shapes import Match
 
-__all__ = ["write_functions_page", "write_matches_page"]
+__all__ = [
+    "Page",
+    "functions_page",
+    "matches_page",
+    "write_functions_page",
+    "write_matches_page",
+]
 
 # Browsers keep some sixteen contexts of WebGL, one per shape.
 _MOST_PANELS = 12
@@ -60,6 +66,121 @@ function follow(change) {
   Plotly.relayout(page, update).then(() => { busy = false; }, () => { busy = false; });
 }
 """
+
+
+class Page:
+    """A page in which shapes can be turned; a notebook shows it, and `save` writes it.
+
+    Attributes
+    ----------
+    html : str
+        All of it, some 5 MB.
+    width, height : int
+        Pixels that it takes.
+    """
+
+    def __init__(self, html: str, width: int, height: int) -> None:
+        self.html, self.width, self.height = html, width, height
+
+    def __repr__(self) -> str:
+        """Return a line with the size."""
+        return f"Page({self.width} x {self.height} pixels, {len(self.html) / 1e6:.1f} MB)"
+
+    def _repr_html_(self) -> str:
+        # In a frame, so that neither its scripts nor its styles meet those of the notebook.
+        return (
+            f'<iframe srcdoc="{html.escape(self.html)}" width="{self.width}" '
+            f'height="{self.height}" style="border:none"></iframe>'
+        )
+
+    def save(self, path: str | Path) -> Path:
+        """Write it into an ``.html`` file, which opens without a network.
+
+        Raises
+        ------
+        ValueError
+            If the suffix is another.
+        FileNotFoundError
+            If there is no such folder.
+        """
+        _check_suffix(path)
+        check_folder(path).write_text(self.html, encoding="utf-8")
+        return Path(path)
+
+
+def functions_page(
+    meshes: Sequence[Any],
+    functions: Sequence[ArrayLike],
+    *,
+    captions: Sequence[str] | None = None,
+    labels: Sequence[str] | None = None,
+    cmap: str | None = None,
+    limits: Sequence[float] | None = None,
+    camera: Camera | None = None,
+) -> Page:
+    """Return a page with functions on shapes that can be turned; buttons choose the function.
+
+    Parameters
+    ----------
+    meshes, functions, captions, labels, cmap, limits, camera : optional
+        As in `plot_functions`. At most twelve shapes.
+
+    Returns
+    -------
+    Page
+        What a notebook shows.
+
+    Raises
+    ------
+    ImportError, ValueError
+        As in `write_functions_page`.
+    """
+    scene = scene_of_functions(
+        meshes, functions, captions=captions, labels=labels, cmap=cmap, limits=limits, camera=camera
+    )
+    return _page(scene, [None] * len(scene.panels), "Functions")
+
+
+def matches_page(
+    matches: Sequence[Match],
+    meshes: Sequence[Any] | None = None,
+    reference: Any = None,
+    *,
+    show: Sequence[str] | None = None,
+    errors: Sequence[PairErrors] | None = None,
+    captions: Sequence[str] | None = None,
+    camera: Camera | None = None,
+    align: bool = True,
+) -> Page:
+    """Return a page with matched shapes that can be turned; buttons choose what is shown of them.
+
+    Parameters
+    ----------
+    matches, meshes, reference, show, errors, captions, camera, align : optional
+        As in `plot_matches`. At most eleven shapes beside the reference.
+
+    Returns
+    -------
+    Page
+        What a notebook shows.
+
+    Raises
+    ------
+    ImportError, ValueError
+        As in `write_matches_page`.
+    """
+    scene = scene_of_matches(
+        matches,
+        meshes,
+        reference,
+        show=show,
+        usual=("match", "expected error", "confidence"),
+        errors=errors,
+        captions=captions,
+        camera=camera,
+        align=align,
+    )
+    return _page(scene, [None, *(match.p2p for match in matches)], "Matches")
 
 
 def write_functions_page(
@@ -107,17 +228,18 @@ def write_functions_page(
     >>> write_functions_page(path, [sphere], [height], labels=["height"]).stat().st_size > 1e6
     True
     """
-    scene = scene_of_functions(
+    _check_suffix(path)
+    page = functions_page(
         meshes, functions, captions=captions, labels=labels, cmap=cmap, limits=limits, camera=camera
     )
-    return _write(scene, path, [None] * len(scene.panels), "Functions")
+    return page.save(path)
 
 
 def write_matches_page(
     path: str | Path,
     matches: Sequence[Match],
-    meshes: Sequence[Any],
-    reference: Any,
+    meshes: Sequence[Any] | None = None,
+    reference: Any = None,
     *,
     show: Sequence[str] | None = None,
     errors: Sequence[PairErrors] | None = None,
@@ -150,31 +272,35 @@ def write_matches_page(
     ValueError
         If matches, meshes and reference do not fit each other, or if there are more than eleven.
     """
-    scene = scene_of_matches(
+    _check_suffix(path)
+    page = matches_page(
         matches,
         meshes,
         reference,
         show=show,
-        usual=("match", "expected error", "confidence"),
         errors=errors,
         captions=captions,
         camera=camera,
         align=align,
     )
-    return _write(scene, path, [None, *(match.p2p for match in matches)], "Matches")
+    return page.save(path)
 
 
-def _write(scene: Scene, path: str | Path, targets: Sequence[IntArray | None], title: str) -> Path:
-    """Write a scene; ``targets`` holds the point map of each panel, if it has one."""
+def _check_suffix(path: str | Path) -> None:
     if Path(path).suffix.lower() not in (".html", ".htm"):
         raise ValueError(f"A page is an .html file; got {str(path)!r}.")
+
+
+def _page(scene: Scene, targets: Sequence[IntArray | None], title: str) -> Page:
+    """Return a page of a scene; ``targets`` holds the point map of each panel, if it has one."""
     if len(scene.panels) > _MOST_PANELS:
         raise ValueError(
             f"A page holds at most {_MOST_PANELS} shapes, since browsers keep few WebGL contexts; "
             f"got {len(scene.panels)}. Write several pages, or pictures."
         )
     go = _plotly()
-    figure = go.Figure(layout=_layout(scene))
+    layout = _layout(scene)
+    figure = go.Figure(layout=layout)
     for column, (panel, target) in enumerate(zip(scene.panels, targets, strict=True)):
         figure.add_trace(_surface(go, scene, panel, target, column))
     for row, (scale, label) in enumerate(zip(scene.scales, scene.labels, strict=True)):
@@ -188,8 +314,7 @@ def _write(scene: Scene, path: str | Path, targets: Sequence[IntArray | None], t
     text = text.replace(
         "<head>", f'<head><meta charset="utf-8" /><title>skfmap: {title}</title>', 1
     )
-    check_folder(path).write_text(text, encoding="utf-8")
-    return Path(path)
+    return Page(text, layout["width"], layout["height"])
 
 
 def _plotly() -> ModuleType:

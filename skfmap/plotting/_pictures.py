@@ -1,6 +1,6 @@
 """Pictures of functions on meshes and of matches."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-__all__ = ["plot_function", "plot_functions", "plot_matches"]
+__all__ = ["draw_scene", "plot_function", "plot_functions", "plot_matches"]
 
 # Chosen by eye: inches across a panel, dots per inch of files, and heights of panels in widths.
 _WIDTH, _DPI = 2.6, 150
@@ -147,13 +147,13 @@ def plot_functions(
     scene = scene_of_functions(
         meshes, functions, captions=captions, labels=labels, cmap=cmap, limits=limits, camera=camera
     )
-    return _saved(_draw(scene), path)
+    return _saved(draw_scene(scene), path)
 
 
 def plot_matches(
     matches: Sequence[Match],
-    meshes: Sequence[Any],
-    reference: Any,
+    meshes: Sequence[Any] | None = None,
+    reference: Any = None,
     *,
     show: Sequence[str] | None = None,
     errors: Sequence[PairErrors] | None = None,
@@ -170,11 +170,11 @@ def plot_matches(
     ----------
     matches : sequence of Match
         From `skfmap.match`.
-    meshes : sequence of meshes
-        The matched shapes: whatever a mesh may be, paths included.
-    reference : mesh
-        The reference, ``learner.reference_.spectral.mesh``; its colours tell where on it a vertex
-        is.
+    meshes : sequence of meshes, optional
+        The matched shapes: whatever a mesh may be, paths included; those that the matches know by
+        default.
+    reference : mesh, optional
+        The reference, whose colours tell where on it a vertex is; that of the matches by default.
     show : sequence of {"match", "expected error", "confidence", "true error"}, optional
         The rows; by default the match, and its expected error if it has one.
     errors : sequence of PairErrors, optional
@@ -215,21 +215,21 @@ def plot_matches(
         camera=camera,
         align=align,
     )
-    return _saved(_draw(scene), path)
+    return _saved(draw_scene(scene), path)
 
 
-def _draw(scene: Scene) -> "Figure":
-    """Return a figure of a scene, all panels at one scale."""
-    from matplotlib import pyplot as plt  # noqa: PLC0415
+def draw_scene(scene: Scene, make: Callable[..., "Figure"] | None = None) -> "Figure":
+    """Return a figure of a scene, all panels at one scale; ``make`` makes it, by default pyplot."""
+    if make is None:
+        from matplotlib import pyplot as plt  # noqa: PLC0415
 
+        make = plt.figure
     n_rows, n_columns = len(scene.labels), len(scene.panels)
     seen = [scene.camera.project_upright(panel.points) for panel in scene.panels]
     centres = [(points.min(axis=0) + points.max(axis=0))[:2] / 2 for points in seen]
     reach = _REACH * np.max([np.ptp(points[:, :2], axis=0) for points in seen], axis=0)
     height = _WIDTH * float(np.clip(reach[1] / reach[0], _FLATTEST, _TALLEST))
-    figure = plt.figure(
-        figsize=(_WIDTH * n_columns + 0.9, height * n_rows + 0.4), layout="constrained"
-    )
+    figure = make(figsize=(_WIDTH * n_columns + 0.9, height * n_rows + 0.4), layout="constrained")
     # Ticks would not be seen, but each would be laid out.
     axes = figure.subplots(
         n_rows, n_columns, squeeze=False, subplot_kw={"xticks": [], "yticks": []}

@@ -9,6 +9,7 @@ from numpy.typing import ArrayLike
 
 from skfmap._tools.types import Array, BoolArray, FloatArray
 from skfmap._tools.validation import check_choice, label
+from skfmap.geometry.position_colours import colours_of_position
 from skfmap.io import as_mesh, as_meshes
 from skfmap.metrics import PairErrors
 from skfmap.plotting._camera import Camera, check_camera, turn_upright
@@ -17,7 +18,6 @@ from skfmap.plotting._colours import (
     ERRORS,
     UNKNOWN,
     Scale,
-    colours_of_position,
     scale_of,
 )
 from skfmap.shapes import Match, Mesh
@@ -149,7 +149,7 @@ def _columns(values: ArrayLike, mesh: Mesh) -> tuple[Any, ...]:
 
 def scene_of_matches(
     matches: Sequence[Match],
-    meshes: Sequence[Any],
+    meshes: Sequence[Any] | None,
     reference: Any,
     *,
     show: Sequence[str] | None,
@@ -160,6 +160,12 @@ def scene_of_matches(
     align: bool,
 ) -> Scene:
     """Return a column for the reference and for each shape, and a row for all that is shown."""
+    if isinstance(matches, Match):
+        raise TypeError("matches must be a list of them: [match].")
+    if meshes is None:
+        meshes = [match.mesh for match in matches]
+    if reference is None and matches:
+        reference = _reference_of(matches)
     if len(matches) != len(meshes) or not matches:
         raise ValueError(
             f"Give one mesh per match, and at least one; got {len(meshes)} and {len(matches)}."
@@ -172,7 +178,7 @@ def scene_of_matches(
     shapes, origin, camera = as_meshes(meshes), as_mesh(reference), check_camera(camera)
     for match, mesh in zip(matches, shapes, strict=True):
         _check_match(match, mesh, origin)
-    colours = colours_of_position(origin)
+    colours = colours_of_position(origin.vertices)
     points_0 = _upright(origin, camera.up)
     title = "reference" if origin.name is None else f"reference: {origin.name}"
     own = tuple(colours if what == "match" else None for what in show)
@@ -196,8 +202,10 @@ def scene_of_matches(
                 "leave that out of show."
             )
         panels.append(Panel(mesh, points, caption, tuple(values[what] for what in show)))
-    expected = [match.expected_error for match in matches if match.expected_error is not None]
-    largest = [float(np.nanmax(errors)) for errors in expected if not np.isnan(errors).all()]
+    # Expected and true errors share a scale, which ends at the largest that is shown.
+    in_errors = [row for row, what in enumerate(show) if what in ("expected error", "true error")]
+    shown = [panel.values[row] for panel in panels[1:] for row in in_errors]
+    largest = [float(np.nanmax(one)) for one in shown if not np.isnan(one).all()]
     worst = max([_SHORTEST_SCALE, *largest])
     scales = {
         "match": None,
@@ -206,6 +214,16 @@ def scene_of_matches(
         "confidence": Scale(CONFIDENCE, 0.0, 1.0, "confidence (within 0.1)"),
     }
     return Scene(tuple(panels), tuple(scales[what] for what in show), tuple(show), camera)
+
+
+def _reference_of(matches: Sequence[Match]) -> Mesh:
+    """Return the reference that all matches are to."""
+    if len({match.reference_hash for match in matches}) > 1:
+        raise ValueError(
+            "The matches are to several references; draw those of one model at a time, or give "
+            "their meshes and the reference."
+        )
+    return matches[0].reference_mesh
 
 
 def _check_shown(

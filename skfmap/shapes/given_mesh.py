@@ -1,7 +1,9 @@
 """The mesh that a shape came as."""
 
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, Self
+
+from skfmap.shapes.mesh import Mesh
 
 __all__ = ["GivenMesh"]
 
@@ -36,3 +38,8 @@ class GivenMesh:
     def found_at(self, source: Any) -> "GivenMesh":
         """Return the same, to be found in ``source``."""
         return replace(self, source=source)
+
+    @classmethod
+    def of(cls, mesh: Mesh) -> Self:
+        """Return what says that a mesh is the given one."""
+        return cls(mesh.name, mesh.n_vertices, mesh.n_faces, mesh.content_hash, mesh)

@@ -9,6 +9,7 @@ import numpy.typing as npt
 from skfmap._tools.types import BoolArray, FloatArray
 from skfmap._tools.validation import as_reals, read_only
 from skfmap.exceptions import CorrespondenceError
+from skfmap.shapes import outlets
 
 __all__ = ["Landmarks"]
 
@@ -96,6 +97,9 @@ class Landmarks:
         if self.expected_error is not None and self.placed.any():
             says += f", mean expected error {np.nanmean(self.expected_error):.3g}"
         return f"Landmarks({self.name!r}, n_landmarks={len(self.names)}{says})"
+
+    def _repr_html_(self) -> str:
+        return outlets.html_of(self)
 
     @property
     def placed(self) -> BoolArray:

@@ -1,13 +1,19 @@
 """A shape matched to the reference."""
 
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 import scipy.sparse as sp
 
 from skfmap._tools.types import FloatArray, IntArray, SparseMatrix
 from skfmap._tools.validation import as_array, check_number, label
+from skfmap.shapes import outlets
+from skfmap.shapes.given_mesh import GivenMesh
+from skfmap.shapes.landmarks import Landmarks
+from skfmap.shapes.mesh import Mesh
 
 __all__ = ["Match"]
 
@@ -59,6 +65,16 @@ class Match:
     familiar : bool or None
         Whether the shape is like the training shapes: False where `UnfamiliarShapeWarning` named
         it. None if nothing tells: the learner calibrates no errors, and lays no mesh onto shapes.
+    given, reference_given : GivenMesh or None
+        The meshes of S_i and S_0, or where they are to be found again; ``mesh`` and
+        ``reference_mesh`` open them.
+
+    Notes
+    -----
+    A pickle of matches holds their meshes, some 70 bytes for each vertex, which is about as much as
+    the answers take; that of the reference once for all matches of a list. Of a mesh that was given
+    as a path, and thinned or mended, it holds the path alone, and the file is read again when it is
+    needed. ``dataclasses.replace(match, given=None, reference_given=None)`` leaves them out.
     """
 
     p2p: IntArray
@@ -75,6 +91,123 @@ class Match:
     reference_hash: str | None = None
     misfit: float = float("nan")
     familiar: bool | None = None
+    given: GivenMesh | None = None
+    reference_given: GivenMesh | None = None
+
+    @property
+    def mesh(self) -> Mesh:
+        """The mesh of S_i as it was given; of one that is broken, its sound faces.
+
+        Raises
+        ------
+        MeshError
+            If it is not known, or its file has changed since.
+        """
+        return outlets.open_mesh(self.given, "the mesh of the shape")
+
+    @property
+    def reference_mesh(self) -> Mesh:
+        """The mesh of S_0 as it was given; raises as ``mesh`` does."""
+        return outlets.open_mesh(self.reference_given, "the mesh of the reference")
+
+    def save(
+        self,
+        path: str | Path,
+        *,
+        landmarks: Landmarks | None = None,
+        uv: npt.ArrayLike | None = None,
+        texture: Any = None,
+        overwrite: bool = False,
+    ) -> list[Path]:
+        """Write the match as other programs read it.
+
+        ==================  =======================================================================
+        ``.csv``            Columns ``vertex, reference_vertex, expected_error, confidence``, for
+                            spreadsheets and R. Vertices count from 0; -1 and blanks where there is
+                            no match.
+        ``.npz``            All arrays, for `numpy.load`; the matrix as its three parts.
+        ``.ply``            The shape in the colours of its match, with the expected error as
+                            ``quality`` (MeshLab), and it, the confidence and the vertex of the
+                            reference as scalars (CloudCompare).
+        ``.glb``            The shape in these colours, or with ``uv`` and ``texture``, for Blender.
+        ``.vtp``, ``.vtk``  The shape with all arrays at its vertices, for ParaView.
+        ``.fcsv``,          ``landmarks`` carried to the shape, for 3D Slicer.
+        ``.mrk.json``
+        ==================  =======================================================================
+
+        Parameters
+        ----------
+        path : str or Path
+            File, whose suffix chooses the format; or a folder, which is made, for ``NAME.csv``,
+            ``.npz``, ``.ply``, ``.glb`` and ``.vtp``, and ``.fcsv`` and ``.mrk.json`` if there are
+            landmarks.
+        landmarks : Landmarks, optional
+            Of the reference, in the units of its mesh.
+        uv : array-like of shape (n_vertices_0, 2), optional
+            Texture coordinates of the reference's vertices, which a ``.glb`` file gets instead of
+            colours; `skfmap.io.read_uv` reads those of an OBJ file. They are carried as `transfer`
+            does. Faces of the shape that lie across a seam of the texture show a strip of it.
+        texture : path or image of PIL, optional
+            What ``uv`` looks up.
+        overwrite : bool, default=False
+            Whether files that are there may be replaced.
+
+        Returns
+        -------
+        list of Path
+            The files that were written.
+
+        Raises
+        ------
+        FileExistsError
+            If there is such a file, and ``overwrite`` is False.
+        ValueError
+            If the suffix is another, the landmarks are missing or lie far from the reference, or
+            single precision, which ``.glb`` has, cannot hold the mesh.
+        MeshError
+            If a mesh is needed that the match does not know, or that has changed since.
+
+        Examples
+        --------
+        >>> import tempfile
+        >>> from sklearn.pipeline import make_pipeline
+        >>> import skfmap
+        >>> from skfmap.datasets import make_creatures
+        >>> creatures = make_creatures(n_shapes=3, n_vertices=500)
+        >>> model = make_pipeline(
+        ...     skfmap.SpectralBasis(n_components=20),
+        ...     skfmap.DescriptorTransformer(),
+        ...     skfmap.WeightedFunctionalMapLearner(n_functions=10, confidence=None),
+        ... )
+        >>> model = model.fit(creatures.meshes[:2], creatures.correspondences[:2])
+        >>> match, = skfmap.match(model, creatures.meshes[2:])
+        >>> [path.suffix for path in match.save(tempfile.mkdtemp())]
+        ['.csv', '.npz', '.ply', '.glb', '.vtp']
+        """
+        extras = {"landmarks": landmarks, "uv": uv, "texture": texture}
+        return outlets.save_match(self, path, **extras, overwrite=overwrite)
+
+    def plot(self, *, interactive: bool = False, **options: Any) -> Any:
+        """Draw the match: colours carried from the reference, and how far to trust them.
+
+        Parameters
+        ----------
+        interactive : bool, default=False
+            Whether it is a page to turn the shapes in, which a notebook shows; plotly draws it
+            (``pip install 'skfmap[pages]'``).
+        **options : optional
+            As in `skfmap.plotting.plot_matches`: ``show``, ``errors``, ``camera``, ``align``, and
+            ``path`` for a picture.
+
+        Returns
+        -------
+        matplotlib Figure or skfmap.plotting.Page
+            The picture, or the page.
+        """
+        return outlets.plot_match(self, interactive=interactive, **options)
+
+    def _repr_html_(self) -> str:
+        return outlets.html_of(self)
 
     def transfer(self, values: object, *, max_error: float | None = None) -> Any:
         """Carry a function, labels or texture coordinates from the reference to this shape.
@@ -108,6 +241,7 @@ class Match:
         Examples
         --------
         >>> import numpy as np
+        import numpy.typing as npt
         >>> import scipy.sparse as sp
         >>> from skfmap import Match
         >>> C, error = np.eye(1), np.array([0.01, 0.2])
@@ -149,6 +283,9 @@ class Match:
 
     def to(self, other: "Match") -> tuple[IntArray, FloatArray | None]:
         """Return the point map from this shape to another that was matched to the same reference.
+
+        It goes over the reference's vertices, for two matches at hand. `skfmap.match_between` needs
+        the shapes and the model, errs less, and returns all that a match has.
 
         Parameters
         ----------

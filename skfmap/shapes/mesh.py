@@ -14,6 +14,7 @@ from skfmap._tools.validation import (
     label,
     read_only,
 )
+from skfmap.shapes import outlets
 
 __all__ = ["Mesh"]
 
@@ -96,3 +97,20 @@ class Mesh:
     def content_hash(self) -> str:
         """Hash of vertices and faces, not of the name: what caches are keyed by."""
         return hash_of_arrays(self.vertices, self.faces)
+
+    def _repr_html_(self) -> str:
+        return outlets.html_of(self)
+
+    def to_trimesh(self) -> Any:
+        """Return it as a `trimesh.Trimesh` of the same vertices in the same order, a copy."""
+        return outlets.to_trimesh(self)
+
+    def to_pyvista(self) -> Any:
+        """Return it as a `pyvista.PolyData`, a copy.
+
+        Raises
+        ------
+        ImportError
+            If pyvista is not installed (``pip install 'skfmap[pyvista]'``).
+        """
+        return outlets.to_pyvista(self)

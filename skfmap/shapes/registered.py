@@ -6,6 +6,7 @@ import numpy as np
 
 from skfmap._tools.types import FloatArray, IntArray
 from skfmap.exceptions import MeshError
+from skfmap.shapes import outlets
 from skfmap.shapes.mesh import Mesh
 
 __all__ = ["Registered"]
@@ -34,9 +35,13 @@ class Registered:
     stretched : float
         Share of the reference's area that is stretched or compressed more than nearly all of the
         training shapes'.
+    energy : float
+        What the deformation takes beyond what training shapes showed; without a unit. It tells
+        which of several ways to lie is right.
     fits : bool
-        Whether the last three are like those of training shapes that were left out. Where it is
-        False, `UnfamiliarShapeWarning` has named the shape, and the mesh is not to be trusted.
+        Whether ``off``, ``uncovered`` and ``stretched`` are like those of training shapes that were
+        left out. Where it is False, `UnfamiliarShapeWarning` has named the shape, and the mesh is
+        not to be trusted.
     name, reference_name : str or None
         Of the shape and of the reference.
     """
@@ -48,6 +53,7 @@ class Registered:
     off: float
     uncovered: float
     stretched: float
+    energy: float
     fits: bool
     name: str | None = None
     reference_name: str | None = None
@@ -59,6 +65,9 @@ class Registered:
             f"n_flipped={self.n_flipped}, off={self.off:.3f}, uncovered={self.uncovered:.3f}, "
             f"stretched={self.stretched:.3f})"
         )
+
+    def _repr_html_(self) -> str:
+        return outlets.html_of(self)
 
     @property
     def mesh(self) -> Mesh:

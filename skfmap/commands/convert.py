@@ -1,0 +1,56 @@
+"""``convert``: a mesh, or landmarks, in another format."""
+
+import argparse
+from pathlib import Path
+
+from skfmap.commands.outputs import check_free
+from skfmap.io import (
+    LANDMARK_SUFFIXES,
+    READ_SUFFIXES,
+    WRITTEN_LANDMARK_SUFFIXES,
+    WRITTEN_SUFFIXES,
+    read_landmarks,
+    read_mesh,
+    write_landmarks,
+    write_mesh,
+)
+
+__all__ = ["DESCRIPTION", "HELP", "add_arguments", "run"]
+
+HELP = "write a mesh, or landmarks, in another format"
+DESCRIPTION = (
+    "Write a mesh, or a file of landmarks, in another format, which the ending of OUT chooses. "
+    "Vertices keep their order. Meshes are read from "
+    f"{', '.join(READ_SUFFIXES)}, and written as {', '.join(WRITTEN_SUFFIXES)}; landmarks are read "
+    f"from {', '.join(LANDMARK_SUFFIXES)}, and written as {', '.join(WRITTEN_LANDMARK_SUFFIXES)}."
+)
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the options of the verb."""
+    parser.add_argument("source", type=Path, metavar="IN", help="what to read")
+    parser.add_argument("output", type=Path, metavar="OUT", help="file to write")
+    parser.add_argument(
+        "--system",
+        choices=["LPS", "RAS"],
+        help="of coordinates, to which landmarks are turned; as they are written by default",
+    )
+    parser.add_argument(
+        "--force", action="store_true", help="write over a file that is there already"
+    )
+
+
+def run(options: argparse.Namespace) -> int:
+    """Convert, and return the exit status."""
+    check_free([options.output], force=options.force)
+    if options.source.name.lower().endswith(LANDMARK_SUFFIXES):
+        marks = read_landmarks(options.source, system=options.system)
+        write_landmarks(marks, options.output, overwrite=True)  # whether it may be was asked
+        print(f"{len(marks.names)} landmarks: {options.output}")
+        return 0
+    if options.system is not None:
+        raise ValueError("--system is for landmarks; a mesh names no system of coordinates.")
+    mesh = read_mesh(options.source)
+    write_mesh(mesh, options.output)
+    print(f"{mesh.n_vertices} vertices and {mesh.n_faces} faces: {options.output}")
+    return 0
