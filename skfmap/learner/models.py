@@ -1,4 +1,4 @@
-"""What any fitted model answers: a learner, a Pipeline that ends in one, a fitted search."""
+"""Functions that take any fitted model: a learner, a Pipeline that ends in one, a search."""
 
 from collections.abc import Iterable, Sequence
 from typing import Any
@@ -136,7 +136,7 @@ def register(model: Model, X: Sequence[Any]) -> list[Registered]:
 def predict_landmarks(
     model: Model, X: Sequence[Any], *, coverage: float = 0.9, on_surface: bool = False
 ) -> list[Landmarks]:
-    """Measure new shapes: put the training shapes' landmarks on them, by any fitted model.
+    """Place the landmarks of the training shapes on new shapes, with any fitted model.
 
     Parameters
     ----------
@@ -150,13 +150,13 @@ def predict_landmarks(
     Returns
     -------
     list of Landmarks
-        In the units and the place of each mesh, with the error to expect and the radius of the ball
-        that holds an observer's point as often as ``coverage`` says.
+        In the units and the place of each mesh, with the expected error and the radius of the ball
+        that contains an observer's point as often as ``coverage`` says.
 
     Raises
     ------
     TypeError
-        If the learner puts no landmarks on shapes.
+        If the learner cannot place landmarks on shapes.
     ValueError
         If it was fitted without measured points.
 
@@ -189,7 +189,7 @@ def predict_landmarks(
 
 
 def functional_maps(model: Model, X: Sequence[Any]) -> FloatArray:
-    """Return full functional maps, from the reference to each shape, by any fitted model.
+    """Return full functional maps, from the reference to each shape, with any fitted model.
 
     Parameters
     ----------
