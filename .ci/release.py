@@ -14,7 +14,7 @@ _VERSION = re.compile(r'^__version__ = "(.*)"$', re.MULTILINE)
 def check(version: str, current: str, changelog: str, changed_files: str, tags: str) -> str | None:
     """Return why ``version`` cannot be released, or None."""
     if not re.fullmatch(r"\d+\.\d+\.\d+((a|b|rc)\d+)?", version):
-        return f"{version!r} is no version like 1.2.3 or 1.2.3rc1."
+        return f"{version!r} is not a version like 1.2.3 or 1.2.3rc1."
     if changed_files.strip():
         return f"The checkout has changes that are not committed:\n{changed_files}"
     if f"v{version}" in tags.split():

@@ -26,7 +26,7 @@ from skfmap.io import read_mesh
 from skfmap.plotting import plot_function
 
 folder = Path(tempfile.mkdtemp())
-creatures = make_creatures(n_shapes=7, n_vertices=1500)
+creatures = make_creatures(n_shapes=8, n_vertices=1500)
 
 
 def unwrapped(mesh):
@@ -117,9 +117,9 @@ def draw_textured(ax, path, onto=None):
     ax.set_title(path.name, fontsize=10)
 
 
-figure, axes = plt.subplots(1, 3, figsize=(11, 3.2), layout="constrained")
-draw_textured(axes[0], folder / "tiger.obj")
-for ax, one in zip(axes[1:], registered, strict=True):
+figure, axes = plt.subplots(2, 2, figsize=(8, 6), layout="constrained")
+draw_textured(axes[0, 0], folder / "tiger.obj")
+for ax, one in zip(axes.flat[1:], registered, strict=True):
     draw_textured(ax, folder / f"{one.name}.obj", onto=reference)
 plt.show()
 

@@ -104,7 +104,7 @@ for name, error, told in zip(PLACES, away.mean(axis=0), expected.mean(axis=0), s
 # Before the table is trusted, look at the specimens, turned as the first one lies.
 def draw_measured(new, by_hand, predicted, onto, n_shown=3):
     """Draw specimens with the landmarks placed by hand, and those predicted."""
-    _, axes = plt.subplots(1, n_shown, figsize=(11, 2.8), layout="constrained")
+    _, axes = plt.subplots(n_shown, 1, figsize=(6, 1.6 * n_shown), layout="constrained")
     long = np.linalg.svd(onto.points - onto.points.mean(axis=0), full_matrices=False)[2]
     lying = Rotation.from_matrix(long * [[1], [1], [np.linalg.det(long)]])
     target = lying.apply(onto.points - onto.points.mean(axis=0))
@@ -118,16 +118,16 @@ def draw_measured(new, by_hand, predicted, onto, n_shown=3):
             x, y, _ = camera.project(turn.apply(marks.points - middle)[:, [0, 2, 1]]).T
             ax.plot(x, y, style, zorder=3, label=label)
         ax.set_title(mesh.name, fontsize=10)
-    axes[0].legend(fontsize=8, loc="upper center", bbox_to_anchor=(0.5, 0), ncols=2)
+    axes[-1].legend(fontsize=8, loc="upper center", bbox_to_anchor=(0.5, 0), ncols=2)
 
 
 draw_measured(bones[5:], placed[5:], predicted, onto=placed[0])
 plt.show()
 
 # %%
-# Size and shape of all ten. Aligned and scaled to unit size, landmarks leave shape, whose first
-# two principal components are drawn. Whether predicted specimens vary as much as they should is
-# what `skfmap.landmarks.shrinkage` measures, where some also have landmarks placed by hand.
+# Size and shape of all ten. Aligned and scaled to unit size, landmarks describe shape, of which the
+# first two principal components are drawn. `skfmap.landmarks.shrinkage` measures whether predicted
+# specimens vary as much as they should, if some of them have landmarks placed by hand as well.
 array = stack_landmarks([*placed[:5], *predicted])
 sizes = centroid_sizes(array)
 shapes = align_landmarks(array) / sizes[:, None, None]

@@ -76,7 +76,7 @@ print(shrinkage(predicted, placed[5:]))
 # onto their mean, in their own size.
 def plot_aligned(panels, fixed=None):
     """Draw landmarks of all specimens about their means, seen from the side."""
-    _, axes = plt.subplots(1, len(panels), figsize=(5 * len(panels), 3), sharex=True, sharey=True)
+    _, axes = plt.subplots(len(panels), 1, figsize=(6, 2.4 * len(panels)), sharex=True, sharey=True)
     for ax, (title, marks) in zip(axes, panels.items(), strict=True):
         aligned = align_landmarks(stack_landmarks(marks))
         mean = aligned.mean(axis=0)

@@ -216,7 +216,7 @@ def _told_of_walls(small: _Thinned, mesh: Mesh) -> list[str]:
     if small.thin_walls > _THIN_WALLS:
         told.append(
             f"{thinned}, walls over {small.thin_walls:.0%} of the area are thinner than an edge, "
-            "and their sides may be taken for each other (a larger max_vertices of SpectralBasis "
+            "and their two sides may be confused (a larger max_vertices of SpectralBasis "
             "tells them apart)"
         )
     if small.hausdorff > _FAR_OFF:

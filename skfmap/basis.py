@@ -262,10 +262,10 @@ def _warn_of_unknown_sides(shapes: Sequence[SpectralShape | SkippedShape]) -> No
     names = [f"X[{i}]" if name is None else repr(name) for i, name in unknown]
     if names:
         warn(
-            f"It cannot be told which side of {', '.join(names)} is the outside: no consistent "
-            "winding, or no volume enclosed. Oriented probes and mean curvature may have the "
-            "wrong sign there, and left be taken for right; check the winding of the faces, or "
-            "use DescriptorTransformer('paper').",
+            f"It cannot be determined which side of {', '.join(names)} is the outside: no "
+            "consistent winding, or no volume enclosed. Oriented probes and mean curvature may "
+            "have the wrong sign there, and left and right may be confused; check the winding of "
+            "the faces, or use DescriptorTransformer('paper').",
             OrientationWarning,
         )
 

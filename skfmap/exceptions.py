@@ -45,7 +45,7 @@ class OutdatedModelError(ValueError):
 
 
 class OrientationWarning(UserWarning):
-    """It cannot be told which side of a mesh is its outside."""
+    """It cannot be determined which side of a mesh is its outside."""
 
 
 class RepairWarning(UserWarning):

@@ -229,7 +229,7 @@ def _faults_of_arrays(vertices: FloatArray, faces: IntArray) -> list[Fault]:
             "faces that name a vertex twice",
             "mended",
             repeated_corners(faces),
-            "they are no triangles, and are left out.",
+            "they are not triangles, and are left out.",
             _ALL,
         ),
         *_fault(
@@ -384,9 +384,7 @@ def _faults_of_sides(points: FloatArray, faces: IntArray, tally: dict[str, float
         meaning = "faces are turned."
         return [Fault("inconsistent winding", "mended", 1, None, meaning)]
     if not outward:
-        meaning = (
-            "which side is the outside cannot be told; oriented probes may take left for right."
-        )
+        meaning = "the outside cannot be determined; oriented probes may confuse left and right."
         return [Fault("encloses no volume", "note", 1, None, meaning)]
     if signed_volume(points, faces) < 0:
         meaning = "faces are turned outwards."
@@ -507,7 +505,7 @@ def repair_arrays(vertices: FloatArray, faces: IntArray, name: str | None) -> Re
     done = []
     if not sound.all():
         n_lost = int((~sound).sum())
-        done.append(f"removed {n_lost} faces that were no triangles or led nowhere")
+        done.append(f"removed {n_lost} faces that were not triangles or led nowhere")
         faces = faces[sound]
     if len(faces) and (hopeless := _hopeless_of(vertices, faces)):
         raise MeshError(f"{label(name)} cannot be mended: {hopeless}")

@@ -178,8 +178,8 @@ class KnownMapsRecord(NamedTuple):
         counts = f"{fewest}" if fewest == most else f"{fewest} to {most}"
         return (
             f"known maps of {len(built)} of {len(used)} shapes built from {counts} landmarks each; "
-            f"a landmark left out of the building is put {self.mean_error:.3f} sqrt(area) from its "
-            "place on average"
+            f"a landmark left out when the map is built is put {self.mean_error:.3f} sqrt(area) "
+            "from its place on average"
         )
 
 
@@ -451,8 +451,8 @@ def _exchanged_message(parts: _Parts, names: Sequence[str] | None) -> str:
         len(parts),
     )
     return (
-        f"These landmarks seem to be exchanged, as the others put each at the other's place: "
-        f"{told}. They were left out; exchange them back, or check the specimen."
+        f"These landmarks seem to be swapped, as the others put each at the other's place: "
+        f"{told}. They were left out; swap them back, or check the specimen."
         if told
         else ""
     )
@@ -494,7 +494,7 @@ def _unlike_message(parts: _Parts) -> str:
         if len(parts) > 2 and typical[i] > max(_DOUBTFUL, _UNLIKE * np.median(typical))
     ]
     return (
-        "Landmarks that are left out of the building are put this many sqrt(area) from their "
+        "Landmarks that are left out when the map is built are put this many sqrt(area) from their "
         f"places on these shapes: {', '.join(told)}; {np.median(typical):.2f} is typical of all. "
         "Check their landmarks, or leave these shapes out: they are unlike the reference, or the "
         "landmarks are those of another specimen."

@@ -233,12 +233,12 @@ def load_model(path: str | Path, *, trusted: Sequence[str] = (), memory: Any = N
         raise
     except Exception as error:
         raise ValueError(
-            f"{path} is no sound file of save_model: {type(error).__name__}: {error}. Was it "
+            f"{path} is not a sound file of save_model: {type(error).__name__}: {error}. Was it "
             "written by joblib or pickle, which load_model does not read, or cut short on its way?"
         ) from error
     if strange:
         raise TypeError(
-            f"{path} holds types that are no part of a model of skfmap: "
+            f"{path} holds types that are not part of a model of skfmap: "
             f"{', '.join(sorted(strange))}. If you know all of them and trust whoever made the "
             "file, load it with trusted=[...] naming them."
         )

@@ -901,7 +901,7 @@ def _is_the_band(found, faces, vertices):
             "truncated",
         ),
         ("a.vtp", '<VTKFile type="UnstructuredGrid"></VTKFile>', "UnstructuredGrid, not PolyData"),
-        ("a.vtp", '<VTKFile type="PolyData">', "no whole XML file"),
+        ("a.vtp", '<VTKFile type="PolyData">', "not a complete XML file"),
         ("a.vtp", '<!DOCTYPE a [<!ENTITY b "b">]><VTKFile type="PolyData"/>', "XML entities"),
         ("a.vtp", '<VTKFile type="PolyData" compressor="vtkLZ4DataCompressor"/>', "LZ4.*ZLib"),
     ],

@@ -508,7 +508,7 @@ def test_force_does_not_write_over_the_mesh_itself(place, registering, tmp_path,
     write_mesh(read_mesh(place.new / "body4.off"), mesh)
     before = mesh.read_bytes()
     assert run("register", registering, mesh, "-o", tmp_path, "--force", *_QUIET) == 2
-    assert "body4.ply would be written over by its result" in capsys.readouterr().err
+    assert "body4.ply would be overwritten by its result" in capsys.readouterr().err
     assert mesh.read_bytes() == before
 
 
@@ -534,9 +534,9 @@ def test_a_shape_that_the_model_refuses_does_not_lose_the_others(
     [
         (["match", "nowhere.skops", "{new}", "-o", "{out}"], "no model file nowhere.skops"),
         (["match", "{model}", "nowhere.off", "-o", "{out}"], "no mesh nowhere.off"),
-        (["match", "{model}", "{out}.txt", "-o", "{out}"], "no mesh that can be read"),
+        (["match", "{model}", "{out}.txt", "-o", "{out}"], "not a mesh that can be read"),
         (["match", "{model}", "{empty}", "-o", "{out}"], "holds no mesh with suffix"),
-        (["match", "{new}/body4.off", "{new}", "-o", "{out}"], "no sound file of save_model"),
+        (["match", "{new}/body4.off", "{new}", "-o", "{out}"], "not a sound file of save_model"),
         (["match", "{model}", "{new}", "-o", "{out}.txt"], "out.txt cannot hold the results"),
         (["match", "{model}", "{new}", "{new}/body4.off", "-o", "{out}"], "would both be written"),
         (["match", "{model}", "{new}", "-o", "{out}", "--jobs", "0"], "n_jobs"),

@@ -124,7 +124,7 @@ _CHANGELOG = (
     ("change", "message"),
     [
         ({}, None),
-        ({"version": "1.2"}, "no version like"),
+        ({"version": "1.2"}, "not a version like"),
         ({"changed_files": " M skfmap/io.py"}, "not committed"),
         ({"tags": "v1.1.0 v1.2.0"}, "tag v1.2.0 already"),
         ({"version": "1.3.0"}, "has no section '1.3.0 (unreleased)'"),

@@ -141,7 +141,9 @@ def test_correspondences_of_another_numbering_leave_nothing_stable(
         Correspondence(np.column_stack([rng.permutation(truth.pairs[:, 0]), truth.pairs[:, 1]]))
         for truth in collection.truths[1:5]
     ]
-    with pytest.warns(StabilityWarning, match=r"No function maps stably.*vertex numbers from 0"):
+    with pytest.warns(
+        StabilityWarning, match=r"No function is mapped stably.*vertex numbers from 0"
+    ):
         make_learner().fit(probed[:5], [collection.truths[0], *shuffled])
 
 
@@ -188,7 +190,7 @@ def test_a_correspondence_that_contradicts_the_others_is_named(
 
 @pytest.mark.filterwarnings("ignore::skfmap.exceptions.DisagreementWarning")
 def test_a_strength_that_leaves_no_room_for_probes_is_told(probed, collection, make_learner):
-    with pytest.warns(StabilityWarning, match="No function maps stably"):
+    with pytest.warns(StabilityWarning, match="No function is mapped stably"):
         make_learner(alpha=1e9).fit(probed[:5], collection.truths[:5])
 
 

@@ -197,7 +197,7 @@ def _fits(**parameters):
             _fits(weighting=lambda names, categories: None),
             "weighting must return one label for each probe",
         ),
-        (_fits(weighting=[[1]] * 105), "labels of weighting must be texts or numbers"),
+        (_fits(weighting=[[1]] * 105), "labels of weighting must be strings or numbers"),
         (_fits(regularizer=lambda a, b: np.full((len(a), len(b)), 1j)), "finite real values"),
         (_fits(reference=np.array(["a", "b"])), "reference must be the name of a shape"),
         (

@@ -37,7 +37,7 @@ def test_a_new_mirrored_shape_is_found_out(fitted, mirrored, probed):
 def test_a_mirrored_training_shape_is_found_out(make_learner, mirrored, probed, collection):
     with pytest.warns(
         OrientationWarning,
-        match=r"The correspondences of X\[\d\] \('mirrored body4'\) take left for right",
+        match=r"The correspondences of X\[\d\] \('mirrored body4'\) confuse left and right",
     ):
         make_learner(max_iter=5).fit([*probed[:4], mirrored[0]], collection.truths[:5])
 
@@ -49,7 +49,7 @@ def test_symmetric_answers_given_for_true_ones_are_found_out(
 ):
     truths = list(symmetric_collection.truths)
     truths[2] = replace(truths[2], pairs=truths[2].symmetric_pairs, symmetric_pairs=None)
-    with pytest.warns(OrientationWarning, match=r"X\[2\] \('body2'\) take left for right"):
+    with pytest.warns(OrientationWarning, match=r"X\[2\] \('body2'\) confuse left and right"):
         make_learner(max_iter=5).fit(symmetric_probed, truths)
 
 

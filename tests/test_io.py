@@ -443,7 +443,7 @@ def test_a_list_of_two_tables_is_a_mesh_everywhere():
             "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float "
             "y\nproperty float z\nelement face 1\nproperty list uchar int "
             "vertex_indices\nend_header\n0 0 0\n1 0 0\n0 1 0\n3 0 1 2.7\n",
-            "no whole numbers",
+            "not integers",
         ),
         ("before.obj", "v 0 0 0\nv 1 0 0\nv 1 1 0\nf -4 -2 -1\n", "vertex 0"),
     ],

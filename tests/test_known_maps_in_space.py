@@ -124,7 +124,7 @@ def test_exchanged_landmarks_count_no_more_than_missing_ones(
     slip = _moved(measured[2], bones.meshes[2], [4, 9], measured[2].coordinates[[9, 4]])
     missing = _moved(measured[2], bones.meshes[2], [4, 9], np.nan)
     learner = make_learner(n_functions=15, refine=refine, confidence="cross-fit")
-    with pytest.warns(CoverageWarning, match="exchanged"):
+    with pytest.warns(CoverageWarning, match="swapped"):
         one = clone(learner).fit(shapes, [*measured[:2], slip, measured[3]])
     other = clone(learner).fit(shapes, [*measured[:2], missing, measured[3]])
     (one,), (other,) = (fitted.predict_landmarks(shapes[1:2]) for fitted in (one, other))

@@ -264,50 +264,50 @@ def test_encodings_and_ends_of_lines(tmp_path, encode, end):
     [
         (".fcsv", "", "is empty. Export"),
         (".fcsv", "# nothing\n", "holds no landmark. Export"),
-        (".fcsv", "a\0b", "is no text.*UTF-8"),
+        (".fcsv", "a\0b", "is not text.*UTF-8"),
         (".csv", codecs.BOM_UTF16_LE + b"a", "UTF-16-LE, but byte 0.*UTF-8"),
         (".fcsv", "1,2,3\n", "line 1: 3 cells, where.*cut short"),
         (".fcsv", "# columns = id,x,y\n", "line 1: no column 'z' among id, x, y"),
         (".fcsv", "# CoordinateSystem = IJK\n", "line 1: the system of coordinates 'IJK' is none"),
-        (".fcsv", "\n0,1,2,here,0,0,0,1,1,1,0,a,,\n", "line 2: 'here' is no number. Write"),
+        (".fcsv", "\n0,1,2,here,0,0,0,1,1,1,0,a,,\n", "line 2: 'here' is not a number. Write"),
         (".fcsv", "0,1,,3,0,0,0,1,1,1,0,a,,\n", "line 1: the landmark is known in part.*NA three"),
-        (".mrk.json", '{\n"markups":', "is no JSON: .*line 2.*Is the file whole"),
-        (".mrk.json", "[" * 100_000, "is no JSON.*Is the file whole"),
+        (".mrk.json", '{\n"markups":', "is not JSON: .*line 2.*Is the file whole"),
+        (".mrk.json", "[" * 100_000, "is not JSON.*Is the file whole"),
         (".mrk.json", "[]", "markups: is no list of markups.*Save the landmarks"),
         (".mrk.json", '{"markups": []}', "holds no markup. Save the list"),
         (".mrk.json", '{"markups": [{"controlPoints": [{"label": "a"}]}]}', "point 1: has the po"),
         (".mrk.json", '{"markups": [{"controlPoints": 3}]}', "controlPoints: is no list"),
-        (".mrk.json", '{"markups": [{"controlPoints": [3]}]}', "point 1: is no point"),
+        (".mrk.json", '{"markups": [{"controlPoints": [3]}]}', "point 1: is not a point"),
         (".mrk.json", '{"markups": [{"controlPoints": []}]}', "holds no landmark"),
         (".mrk.json", _mrk([("a", [0, 0, 0], "lost")]), "point 1: the position has the status 'l"),
-        (".mrk.json", _mrk([("a", [1, np.inf, 0], "defined")]), "point 1: 'inf' is no number"),
+        (".mrk.json", _mrk([("a", [1, np.inf, 0], "defined")]), "point 1: 'inf' is not a number"),
         (".pp", "<PickedPoints>\n<point x=", "line 2: unclosed token.*Is the file whole"),
         (".pp", "<html/>", "begins with <html>, not with <PickedPoints>"),
-        (".pp", PP.replace('"1.5"', '"far"'), "line 7: 'far' is no number"),
+        (".pp", PP.replace('"1.5"', '"far"'), "line 7: 'far' is not a number"),
         (".pp", '<!DOCTYPE a [<!ENTITY b "c">]><PickedPoints/>', "line 1: it declares entities"),
         (".tps", "1 2 3\n", "line 1: '1 2 3' stands before the first LM3="),
         (".tps", "ID=3\n", "has no line LM3="),
         (".tps", "LM=2\n1 2\n3 4\n", "line 1: LM= begins landmarks of two dimensions"),
-        (".tps", "LM3=two\n", "line 1: LM3=two is no number of landmarks"),
+        (".tps", "LM3=two\n", "line 1: LM3=two is not a number of landmarks"),
         (".tps", "LM3=2\n1 2 3\n", "line 1: LM3=2, but 1 lines of coordinates.*cut short"),
         (".tps", "LM3=1\n1 2\n", "line 2: 2 numbers, where three"),
         (".tps", TPS, "line 3: the landmark is known in part"),
-        (".tps", "LM3=1\n1 2 3\nSCALE=0\n", "specimen of line 1: SCALE=0 is no number above zero"),
+        (".tps", "LM3=1\n1 2 3\nSCALE=0\n", "of line 1: SCALE=0 is not a number above zero"),
         (".tps", "LM3=1\n1 2 1e300\nSCALE=1e9\n", "line 2: multiplied by SCALE=1e.09 .*Correct"),
         (".pts", "1 2 3\n", "line 1: it begins with '1 2 3'.*name it .txt"),
         (".pts", "Version 1.0\nS0 1 2 3\n", "line 2: the number of points must follow"),
         (".pts", "Version 1.0\n2\nS0 1 2 3\n", "2 points are said to follow, but there are 1"),
-        (".pts", "Version 1.0\n1\nS0 1\n", "line 3: 'S0 1' is no name with three coordinates"),
+        (".pts", "Version 1.0\n1\nS0 1\n", "line 3: 'S0 1' is not a name with three coordinates"),
         (".csv", "some words\n", "line 1: 'some words' is neither a head.*name,x,y,z.*in quotes"),
         (".csv", "1,2\n", "line 1: '1,2' is neither"),
         (".csv", "1,5,2,5,3,5\n", "line 1: '1,5,2,5,3,5' is neither"),
         (".csv", "x,y,z\n", "holds no landmark"),
         (".csv", "1,2,3\n4,5\n", "line 2: 2 cells, where the first line has 3"),
-        (".csv", "1,2,3\na,5,6\n", "line 2: 'a' is no number"),
+        (".csv", "1,2,3\na,5,6\n", "line 2: 'a' is not a number"),
         (".csv", "7,1,2,3\n4,5,6,9\n", "line 1: four numbers, of which any may be the name"),
         (".csv", "x;y;z\n1,5;2;3\n1.234;2;3\n", "line 2: decimal commas, where other numbers"),
         (".csv", "name,x,y,z\na,1,2,3\na,4,5,6\n", "of one name: 'a' \\(line 2 and line 3"),
-        (".csv", "x,y,z,radius\n1,2,3,wide\n", "line 2: 'wide' in column radius is no number"),
+        (".csv", "x,y,z,radius\n1,2,3,wide\n", "line 2: 'wide' in column radius is not a number"),
         (".csv", "x,y,z,coverage\n1,2,3,0.9\n1,2,3,0.8\n", "several numbers in column coverage"),
     ],
 )  # fmt: skip
@@ -403,7 +403,7 @@ def test_points_of_slicer_are_described_by_their_errors(tmp_path, predicted):
 def test_no_file_is_overwritten_unasked(tmp_path, predicted, suffix):
     path = tmp_path / f"cat{suffix}"
     path.write_text("mine")
-    with pytest.raises(FileExistsError, match=r"is there already; .* overwrite=True"):
+    with pytest.raises(FileExistsError, match=r"already exists; .* overwrite=True"):
         write_landmarks(predicted, path)
     assert path.read_text() == "mine"
     write_landmarks(predicted, path, overwrite=True)
@@ -579,7 +579,7 @@ def test_a_file_belongs_to_the_mesh_with_the_longest_name(tmp_path):
 @pytest.mark.parametrize(
     ("content", "message"),
     [
-        ("{", "is no JSON"),
+        ("{", "is not JSON"),
         (_mrk([("a", [0, 0, 0], "undefined")]), "holds no landmark that was placed"),
         (
             _mrk([("a", [0, 0, 0], "defined"), ("a", [0, 0, 1], "defined")]),

@@ -150,7 +150,7 @@ def test_landmarks_that_were_found_to_be_wrong_do_not_count(
     some = list(measured[:5])
     some[2] = Correspondence.from_points(points, collection.meshes[2], NAMES)
     building = clone(learner).set_params(n_functions=25, known_maps="in-space", refine=None)
-    with pytest.warns(CoverageWarning, match="exchanged"):
+    with pytest.warns(CoverageWarning, match="swapped"):
         model = building.fit(probed[:5], some).landmarks_
     right, distances = model.left_out.right, model.left_out.distances
     assert (~right).sum() == 2
@@ -283,7 +283,7 @@ def test_bad_input_is_told(measuring, probed, collection, learner, measured):
     plain = clone(learner).set_params(confidence=None, refine=None)
     bridged = BridgedLearner(plain, through="body1")
     bridged.fit(probed[:3], measured[:3])
-    with pytest.raises(TypeError, match="BridgedLearner puts no landmarks"):
+    with pytest.raises(TypeError, match="BridgedLearner cannot place landmarks"):
         get_scorer("neg_landmark_error")(bridged, probed[5:], measured[5:])
     with pytest.raises(CorrespondenceError, match="point 1 has 2 pairs with coordinates"):
         Correspondence([[4, 1], [5, 1], [6, 2]], coordinates=np.zeros((3, 3)))

@@ -417,7 +417,7 @@ def test_a_bridge_lays_no_meshes(creatures):
     _, truths, shapes = creatures
     bridged = BridgedLearner(WeightedFunctionalMapLearner(**GIVEN, refine=None), shapes[1].name)
     bridged.fit(shapes[:4], truths[:4])
-    with pytest.raises(TypeError, match="BridgedLearner lays no meshes onto shapes; fit its"):
+    with pytest.raises(TypeError, match="BridgedLearner cannot lay meshes onto shapes; fit its"):
         skfmap.register(bridged, shapes[5:])
 
 

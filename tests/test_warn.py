@@ -110,7 +110,7 @@ def test_shapes_given_as_arrays_are_told_by_their_index(collection, make_model):
     arrays = [(mesh.vertices, mesh.faces) for mesh in collection.meshes[:5]]
     arrays[3] = (arrays[3][0] * [1, 1, -1], arrays[3][1][:, ::-1])
     with pytest.warns(
-        OrientationWarning, match=r"correspondences of X\[3\] \('shape 3'\) take left for right"
+        OrientationWarning, match=r"correspondences of X\[3\] \('shape 3'\) confuse left and right"
     ):
         make_model(confidence=None).fit(arrays, collection.truths[:5])
 

@@ -1,4 +1,4 @@
-"""The main job: learn on a collection, leave shapes out, and show what learning buys."""
+"""The main job: learn on a collection, leave shapes out, and show what learning gains."""
 
 import argparse
 import shlex
@@ -68,10 +68,10 @@ class _Result:
     matches: list[Match]
 
 
-HELP = "the main job, on made-up creatures or a folder: what learning buys (also without a verb)"
+HELP = "the main job, on made-up creatures or a folder: what learning gains (also without a verb)"
 DESCRIPTION = (
     "Learn functional maps on a collection of meshes, match the shapes left out, and show what "
-    "learning buys: a table, a report, a picture of the matches, and a model trained on all shapes."
+    "learning gains: a table, a report, a picture of the matches, a model trained on all shapes."
 )
 
 
@@ -129,14 +129,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--max-vertices",
         type=int,
         default=SpectralBasis().max_vertices,
-        help="larger meshes are thinned to so many vertices to compute on; answers are on the "
+        help="larger meshes are thinned to this many vertices to compute on; answers are on the "
         "meshes as they came (default: %(default)s)",
     )
     parser.add_argument(
         "--cache", type=Path, help="folder that keeps bases and probes between runs"
     )
     parser.add_argument(
-        "--jobs", type=int, default=-1, help="shapes at a time (default: one per core)"
+        "--jobs", type=int, default=-1, help="shapes processed in parallel (default: one per core)"
     )
 
 

@@ -115,7 +115,7 @@ def _file(path: Path) -> Path:
         raise FileNotFoundError(f"There is no mesh {path}.")
     if path.suffix.lower() not in READ_SUFFIXES:
         raise ValueError(
-            f"{path} is no mesh that can be read; those end in {', '.join(READ_SUFFIXES)}."
+            f"{path} is not a mesh that can be read; those end in {', '.join(READ_SUFFIXES)}."
         )
     return path
 

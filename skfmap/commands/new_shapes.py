@@ -61,7 +61,7 @@ def add_common(parser: argparse.ArgumentParser, default: str, what: str) -> None
     add_new_shapes(parser)
     add_output(parser, default, what)
     parser.add_argument(
-        "--jobs", type=int, default=-1, help="shapes at a time (default: one per core)"
+        "--jobs", type=int, default=-1, help="shapes processed in parallel (default: one per core)"
     )
     parser.add_argument("--quiet", action="store_true", help="tell no progress")
 

@@ -19,9 +19,7 @@ def add_output(parser: argparse.ArgumentParser, default: str, what: str) -> None
         default=Path(default),
         help=f"{what} (default: %(default)s)",
     )
-    parser.add_argument(
-        "--force", action="store_true", help="write over files that are there already"
-    )
+    parser.add_argument("--force", action="store_true", help="overwrite existing files")
 
 
 def targets_of(paths: Sequence[Path], folder: Path, suffix: str) -> dict[Path, Path]:
@@ -36,7 +34,7 @@ def targets_of(paths: Sequence[Path], folder: Path, suffix: str) -> dict[Path, P
     sources: dict[str, Path] = {}
     for path in paths:
         if targets[path].exists() and targets[path].samefile(path):
-            raise ValueError(f"{path} would be written over by its result; give another -o.")
+            raise ValueError(f"{path} would be overwritten by its result; give another -o.")
         other = sources.setdefault(str(targets[path]).casefold(), path)  # as some systems compare
         if other is not path:
             raise ValueError(
@@ -66,7 +64,7 @@ def check_free(paths: Iterable[Path], *, force: bool) -> None:
     if there and not force:
         more = f" and {len(there) - 1} more are" if len(there) > 1 else " is"
         raise FileExistsError(
-            f"{there[0]}{more} there already; give --force to write over, or another -o."
+            f"{there[0]}{more} there already; give --force to overwrite, or another -o."
         )
     for folder in {path.parent for path in paths}:
         try:

@@ -93,20 +93,20 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--max-vertices",
         type=int,
         default=SpectralBasis().max_vertices,
-        help="larger meshes are thinned to so many vertices to compute on (default: %(default)s)",
+        help="larger meshes are thinned to this many vertices to compute on (default: %(default)s)",
     )
     parser.add_argument(
         "--folds",
         type=int,
-        help="leave shapes out in so many groups, and train anew for each (default: landmarks are "
-        "predicted from what training itself left out; else 10 groups, fewer shapes one at a time)",
+        help="leave shapes out in this many groups, and train again for each (default: landmarks "
+        "come from what training itself left out; else 10 groups, fewer shapes one at a time)",
     )
     parser.add_argument(
         "--no-evaluation", action="store_true", help="do not leave shapes out: only train"
     )
     parser.add_argument("--memory", type=Path, help="folder that keeps results between runs")
     parser.add_argument(
-        "--jobs", type=int, default=-1, help="shapes at a time (default: one per core)"
+        "--jobs", type=int, default=-1, help="shapes processed in parallel (default: one per core)"
     )
     parser.add_argument("--quiet", action="store_true", help="tell no progress")
 

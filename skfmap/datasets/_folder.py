@@ -401,8 +401,8 @@ def _missing_or_odd(paths: list[Path], read: list[_Read]) -> dict[int, str]:
         if i not in faults and by_name != (read[0].landmarks is not None):
             faults[i] = (
                 f"{paths[i].stem!r} has {by[by_name]} ({read[i].source}), but {paths[0].stem!r} "
-                f"has {by[not by_name]} ({read[0].source}), so that nobody knows which correspond. "
-                "Give all meshes files of one kind."
+                f"has {by[not by_name]} ({read[0].source}), so it cannot be known which "
+                "correspond. Give all meshes files of one kind."
             )
     lengths = {i: _vts_lengths(paths[i]) for i in sound}
     every = [length for own in lengths.values() for length in own.values()]

@@ -81,7 +81,7 @@ def check_weighting(weighting: object, n_probes: int) -> None:
     labels: Sequence[object] = list(weighting)  # type: ignore[call-overload]
     strange = [item for item in labels if not isinstance(item, Hashable)]
     if strange:
-        raise TypeError(f"The labels of weighting must be texts or numbers; got {strange[0]!r}.")
+        raise TypeError(f"The labels of weighting must be strings or numbers; got {strange[0]!r}.")
 
 
 def _numbered(labels: Sequence[Hashable]) -> IntArray:

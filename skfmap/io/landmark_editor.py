@@ -51,8 +51,8 @@ def _row(path: Path, where: str, line: str) -> PointRow:
     cells = line.rsplit(maxsplit=3)
     if len(cells) < 3:
         raise CorrespondenceError(
-            f"{path}, {where}: {line[:40]!r} is no name with three coordinates. Write 9999 three "
-            "times for a missing landmark."
+            f"{path}, {where}: {line[:40]!r} is not a name with three coordinates. Write 9999 "
+            "three times for a missing landmark."
         )
     name = cells[0] if len(cells) == 4 else ""
     return PointRow(where, name, position(path, where, cells[-3:], _MISSING))

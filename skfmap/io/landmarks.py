@@ -198,7 +198,7 @@ def write_landmarks(landmarks: Landmarks, path: str | Path, *, overwrite: bool =
             file.write(text)
     except FileExistsError:
         raise FileExistsError(
-            f"{path} is there already; write to another, or pass overwrite=True."
+            f"{path} already exists; write to another file, or pass overwrite=True."
         ) from None
 
 

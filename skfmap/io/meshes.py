@@ -159,7 +159,7 @@ def read_arrays(path: str | Path) -> tuple[FloatArray, IntArray]:
     if len(crossing):
         warn(
             f"{path} has {len(crossing)} faces that cross themselves, the first is face "
-            f"{crossing[0]}. Nobody knows what they cover, and they are left out; cut them into "
+            f"{crossing[0]}. What they cover cannot be known, and they are left out; cut them into "
             "triangles before saving.",
             RepairWarning,
         )
@@ -182,7 +182,7 @@ def as_far_as_sound(vertices: FloatArray, faces: IntArray, name: str) -> tuple[M
         )
     points = np.where(finite[:, None], vertices, vertices[finite].mean(axis=0))
     done = (
-        f"left out {n_faces} faces that were no triangles, led nowhere or had unusable vertices "
+        f"left out {n_faces} faces that were not triangles, led nowhere or had unusable vertices "
         f"({n_vertices} vertices with NaN or infinite coordinates)"
     )
     return Mesh(points, faces[sound], name), done

@@ -83,7 +83,7 @@ def table_of_lines(lines: Sequence[bytes], columns: Sequence[int], what: str) ->
                 f"has {what} that is no {len(columns)} numbers: {line.strip()[:_SHOWN]!r}. Is it "
                 "cut short, or damaged?"
             ) from None
-    raise MeshError(f"has {what} that is no row of numbers.")
+    raise MeshError(f"has {what} that is not a row of numbers.")
 
 
 def numbers_of(words: Sequence[bytes], what: str) -> FloatArray:
@@ -95,7 +95,9 @@ def numbers_of(words: Sequence[bytes], what: str) -> FloatArray:
             try:
                 float(word)
             except ValueError:
-                raise MeshError(f"has {what} with {_quoted(word)}, which is no number.") from None
+                raise MeshError(
+                    f"has {what} with {_quoted(word)}, which is not a number."
+                ) from None
         raise
 
 
@@ -104,7 +106,7 @@ def whole(values: FloatArray, what: str) -> IntArray:
     with np.errstate(invalid="ignore"):
         wrong = ~((values == np.round(values)) & (np.abs(values) <= _LARGEST))
     if wrong.any():
-        raise MeshError(f"has {what} whose vertices are no whole numbers: {values[wrong][0]:g}.")
+        raise MeshError(f"has {what} whose vertices are not integers: {values[wrong][0]:g}.")
     return values.astype(np.int64)
 
 
@@ -140,7 +142,7 @@ def _corners(lines: Sequence[bytes], n: int) -> IntArray:
         for line in lines:
             if not all(word.lstrip(b"+-").isdigit() for word in line.split()[1 : n + 1]):
                 raise MeshError(
-                    f"has a face whose vertices are no whole numbers: {_quoted(line)}."
+                    f"has a face whose vertices are not integers: {_quoted(line)}."
                 ) from None
         raise
 

@@ -43,7 +43,7 @@ def read_obj(content: bytes) -> tuple[FloatArray, Polygons]:
         curved |= words[0] in _FREE_FORM
     if not counts:
         what = (
-            "curved surfaces, which are no polygons: save it as polygons"
+            "curved surfaces, which are not polygons: save it as polygons"
             if curved
             else "a cloud of points, or a file that was cut short"
         )
@@ -59,7 +59,7 @@ def _number(word: bytes, n_vertices: int, line: bytes) -> int:
         number = int(word.split(b"/", maxsplit=1)[0])
     except ValueError:
         raise MeshError(
-            f"has a face whose vertices are no whole numbers: {said!r}. Is it damaged?"
+            f"has a face whose vertices are not integers: {said!r}. Is it damaged?"
         ) from None
     if number == 0 or number < -n_vertices:
         raise MeshError(

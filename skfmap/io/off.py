@@ -42,7 +42,7 @@ def read_off(content: bytes) -> tuple[FloatArray, Polygons]:
     if keyword is None:
         if len(words) != 3 or not all(word.isdigit() for word in words):
             raise MeshError(
-                "is no OFF file: it begins neither with OFF nor with its numbers of vertices, "
+                "is not an OFF file: it begins neither with OFF nor with its numbers of vertices, "
                 "faces and edges. Was it saved in another format?"
             )
     else:  # what follows it in its line is another one

@@ -80,7 +80,7 @@ def _header(content: bytes) -> tuple[str, list[_Element], bytes]:
     if not re.match(rb"ply[ \t]*[\r\n]", content) or end is None:
         what = "its head has no end" if content.startswith(b"ply") else "it does not begin with ply"
         raise MeshError(
-            f"is no PLY file: {what}. Is it cut short, or was it saved in another format?"
+            f"is not a PLY file: {what}. Is it cut short, or was it saved in another format?"
         )
     # Comments may be in any encoding, and only they are in more than ASCII.
     lines = re.split(r"\r\n|\n|\r", content[: end.start()].decode("latin-1"))
@@ -273,7 +273,7 @@ def _floats(
         for line, own in zip(lines, words, strict=True):
             if not all(word.lstrip(b"+-").isdigit() for word in own):
                 raise MeshError(
-                    f"has a {element.name} whose vertices are no whole numbers: {_quoted(line)}."
+                    f"has a {element.name} whose vertices are not integers: {_quoted(line)}."
                 )
     return values
 

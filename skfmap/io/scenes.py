@@ -50,8 +50,8 @@ def _stl_text(content: bytes, n_said: int) -> tuple[bytes, int]:
         n_there = max(0, (len(content) - 84) // 50)
         if len(content) < 84:
             raise MeshError(
-                "is no STL file, or was cut short: it has neither the text nor the 84 bytes that "
-                "such files begin with. Export it again."
+                "is not an STL file, or was cut short: it has neither the text nor the 84 bytes "
+                "that such files begin with. Export it again."
             )
         raise MeshError(
             f"says that it holds {n_said} triangles, but has room for {n_there}: it is truncated, "
@@ -109,7 +109,7 @@ def _scene_of(content: bytes, suffix: str) -> dict[str, Any]:
     try:
         if suffix == ".glb":
             if content[:4] != b"glTF":
-                raise MeshError("is no .glb file: it does not begin with glTF. Export it again.")
+                raise MeshError("is not a .glb file: it does not begin with glTF. Export it again.")
             if int.from_bytes(content[8:12], "little") > len(content):
                 raise MeshError("is shorter than it says: the file is truncated. Export it again.")
             content = content[20 : 20 + int.from_bytes(content[12:16], "little")]
@@ -118,7 +118,7 @@ def _scene_of(content: bytes, suffix: str) -> dict[str, Any]:
     except (ValueError, KeyError, TypeError) as error:
         if isinstance(error, MeshError):
             raise
-        raise MeshError("is no glTF file, or damaged. Export it again.") from None
+        raise MeshError("is not a glTF file, or damaged. Export it again.") from None
     if not version.startswith("2"):
         raise MeshError(f"is of version {version} of glTF; export it as version 2, or as PLY.")
     return dict(scene)

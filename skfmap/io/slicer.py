@@ -114,7 +114,7 @@ def read_mrk_json(path: Path) -> ReadLandmarks:
         content = json.loads(text)
     except (ValueError, RecursionError) as error:
         raise CorrespondenceError(
-            f"{path} is no JSON: {error}. Is the file whole? Save the landmarks in Slicer again."
+            f"{path} is not JSON: {error}. Is the file whole? Save the landmarks in Slicer again."
         ) from None
     markup = _point_list(path, content)
     said = markup.get("coordinateSystem")
@@ -144,14 +144,14 @@ def _point_list(path: Path, content: object) -> dict[str, Any]:
 
 def _odd(path: Path, where: str, what: str) -> CorrespondenceError:
     return CorrespondenceError(
-        f"{path}, {where}: {what}, so that this is no file of Slicer's markups. Save the landmarks "
-        "in Slicer again."
+        f"{path}, {where}: {what}, so that this is not a file of Slicer's markups. Save the "
+        "landmarks in Slicer again."
     )
 
 
 def _control_point(path: Path, where: str, point: object) -> PointRow:
     if not isinstance(point, dict):
-        raise _odd(path, where, "is no point with a position")
+        raise _odd(path, where, "is not a point with a position")
     name = str(point.get("label") or "")
     status = str(point.get("positionStatus", "defined")).lower()
     if status in _NOT_PLACED:

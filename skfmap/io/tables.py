@@ -228,8 +228,8 @@ def _errors(path: Path, lines: list[_Line], columns: _Columns) -> dict[str, Floa
             number = as_number(cells[column].replace(",", ".", 1))
             if number is None:
                 raise CorrespondenceError(
-                    f"{path}, {where}: {cells[column]!r} in column {what} is no number. Leave it "
-                    "blank where it is not known."
+                    f"{path}, {where}: {cells[column]!r} in column {what} is not a number. Leave "
+                    "it blank where it is not known."
                 )
             numbers.append(number)
         values[what] = np.array(numbers)

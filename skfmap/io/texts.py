@@ -83,7 +83,7 @@ def read_text(path: Path, most: int = -1) -> list[str]:
         )
     if "\0" in text:
         raise CorrespondenceError(
-            f"{path} is no text (it holds bytes of value zero). If it is UTF-16 without a byte "
+            f"{path} is not text (it holds bytes of value zero). If it is UTF-16 without a byte "
             "order mark, save it as UTF-8."
         )
     return text.split("\n")
@@ -142,7 +142,7 @@ def position(
     for cell, number in zip(cells, numbers, strict=True):
         if number is None:
             raise CorrespondenceError(
-                f"{path}, {where}: {cell.strip()!r} is no number. Write it with a decimal "
+                f"{path}, {where}: {cell.strip()!r} is not a number. Write it with a decimal "
                 "point, or NA for all three coordinates of a missing landmark."
             )
     at = np.array(numbers, dtype=np.float64)

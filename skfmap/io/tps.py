@@ -91,7 +91,7 @@ def _specimens(path: Path) -> list[_Specimen]:
 def _begun(path: Path, where: str, word: str, value: str) -> _Specimen:
     if (n_said := as_count(value)) is None:
         raise CorrespondenceError(
-            f"{path}, {where}: {word}={value} is no number of landmarks. Write it after {word}=."
+            f"{path}, {where}: {word}={value} is not a number of landmarks. Write it after {word}=."
         )
     if word == "LM" and n_said:
         raise CorrespondenceError(
@@ -115,7 +115,7 @@ def _scale(path: Path, one: _Specimen) -> float:
     scale = as_number(said) if said else 1.0
     if scale is None or not scale > 0:
         raise CorrespondenceError(
-            f"{path}, specimen of {one.where}: SCALE={said} is no number above zero. Write the "
+            f"{path}, specimen of {one.where}: SCALE={said} is not a number above zero. Write the "
             "length of one unit, or leave the line out."
         )
     return scale

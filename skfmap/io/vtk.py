@@ -36,7 +36,7 @@ def read_vtk(content: bytes) -> tuple[FloatArray, Polygons]:
         If it is no such file; the message goes on behind its name.
     """
     if not content.startswith(b"# vtk DataFile"):
-        raise MeshError("is no legacy VTK file: it does not begin with '# vtk DataFile'.")
+        raise MeshError("is not a legacy VTK file: it does not begin with '# vtk DataFile'.")
     if len(head := content.split(b"\n", 4)) < 4:
         raise MeshError("ends within its head: the file is truncated.")
     kind = head[2].strip().upper()
@@ -219,7 +219,9 @@ class _Arrays:
         try:
             parser.Parse(content, True)
         except expat.ExpatError as error:
-            raise MeshError(f"is no whole XML file ({error}): truncated, or damaged.") from None
+            raise MeshError(
+                f"is not a complete XML file ({error}): truncated, or damaged."
+            ) from None
 
     def _text_of_array(self, text: str) -> None:
         if self._array is not None and not self._nested:

@@ -51,22 +51,22 @@ _WORTH = 0.9
 
 
 class BridgedLearner(Versioned, BaseEstimator):
-    """Match through a training shape that is near, where the reference is unlike the rest.
+    """Match through a similar training shape, if the reference is unlike the other shapes.
 
     Points of a new shape go to the training shape (the bridge) by maps that are learned to it as
     well, and from there to the reference by its own known correspondence, extended to all its
     vertices. The functional map is the learner's, from functions on the reference S_0 to functions
-    on each shape; point maps run from each shape to S_0.
+    on each shape; point maps go from each shape to S_0.
 
     Parameters
     ----------
     estimator : WeightedFunctionalMapLearner
-        The learner, last step of a pipeline as this is. It needs its ``confidence`` for
-        ``through="auto"``.
+        The learner. This object takes its place as the last step of a pipeline. For
+        ``through="auto"`` it needs its ``confidence``.
     through : str, default="auto"
-        ``"auto"`` chooses the training shape in whose functions the others' known maps leave the
-        least, and keeps to whichever way has the lower error on training shapes left out; a name
-        takes that training shape without asking.
+        ``"auto"`` chooses the training shape whose functions represent the known maps of the others
+        best, and uses whichever way has the lower error on held-out training shapes; a name takes
+        that training shape in any case.
 
     Attributes
     ----------
@@ -76,7 +76,7 @@ class BridgedLearner(Versioned, BaseEstimator):
         The learner whose reference is the bridge, if points go through one. A model then holds both
         meshes.
     bridge_errors_ : dict
-        Mean errors on training shapes left out, ``"direct"`` and ``"bridge"``; empty if no bridge
+        Mean errors on held-out training shapes, ``"direct"`` and ``"bridge"``; empty if no bridge
         was looked for or errors are not calibrated.
     reference_, weights_, stable_basis_ and all other fitted attributes of the learner
         Read from ``estimator_``.

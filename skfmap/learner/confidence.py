@@ -1,4 +1,4 @@
-"""Errors to expect of matches, from training shapes that were left out of the learning in turn."""
+"""Expected errors of matches, from training shapes that were held out from training in turn."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
@@ -51,7 +51,7 @@ class Trust(NamedTuple):
 class Confidence(Part, ABC):
     """A way to say how far matches can be trusted; derive from it and implement `assess`.
 
-    What it has to learn from the training shapes goes into `fit`.
+    Whatever it has to learn from the training shapes goes into `fit`.
     """
 
     @abstractmethod
@@ -106,10 +106,10 @@ class Confidence(Part, ABC):
 
 
 class CrossFitConfidence(Confidence):
-    """Relate what matches show of themselves to their errors on training shapes left out.
+    """Relate what can be observed of matches to their errors on held-out training shapes.
 
-    A single training shape cannot be left out: errors are then those on the shape that was learned
-    from, and optimistic.
+    A single training shape cannot be left out: errors are then those on the training shape itself,
+    and optimistic.
 
     Parameters
     ----------
@@ -120,11 +120,11 @@ class CrossFitConfidence(Confidence):
     Attributes
     ----------
     error_models_ : dict of ErrorModel
-        What error to expect of ``"unrefined"`` matches, and of ``"refined"`` ones, as the learner's
-        ``refine`` says.
+        Models of the expected error of ``"unrefined"`` matches, and of ``"refined"`` ones, refined
+        as the learner's ``refine`` says.
     misfits_ : ndarray of shape (n_shapes,)
-        What was left of equation (2) on each shape given to `fit`; NaN for the reference and shapes
-        of no share.
+        The residual of equation (2) on each shape given to `fit`; NaN for the reference and for
+        shapes with weight 0.
     training_errors_ : ndarray of shape (n_shapes,)
         Mean error of the match of each of them, refined if the learner refines; NaN also where no
         known pair leads to one of the vertices at which errors were observed.

@@ -123,10 +123,10 @@ def diagnose_new_shapes(
             Finding(
                 OrientationWarning,
                 "As mirror images, these shapes fit the reference much better: "
-                f"{', '.join(images)}. Left may be taken for right there; check that the mesh is "
-                "not mirrored or inside out (a scan with one axis negated, or faces wound inwards "
-                "on an open surface). Specimens of both sides: on_mirrored='reflect' matches them "
-                "all alike.",
+                f"{', '.join(images)}. Left and right may be confused there; check that the mesh "
+                "is not mirrored or inside out (a scan with one axis negated, or faces wound "
+                "inwards on an open surface). Specimens of both sides: on_mirrored='reflect' "
+                "matches both.",
             )
         )
     if strange:
@@ -146,9 +146,9 @@ def diagnose_new_shapes(
 def diagnose_reflected(called: Sequence[str]) -> list[Finding]:
     """Return which shapes were matched, or learned from, as their mirror images."""
     message = (
-        f"These shapes are mirror images of what the others are, and were reflected: "
-        f"{', '.join(called)}. Answers are on the meshes as they were given. If that is not "
-        "meant, give on_mirrored='warn'."
+        "These shapes are mirror images of the kind that the others belong to, and were "
+        f"reflected: {', '.join(called)}. Answers are on the meshes as they were given. If this is "
+        "not intended, give on_mirrored='warn'."
     )
     return [Finding(OrientationWarning, message)] if called else []
 
@@ -238,7 +238,7 @@ def _mirrored(training: TrainingSet) -> list[Finding]:
         if is_against(shape, training.reference, join, one)
     ]
     message = (
-        f"The correspondences of {', '.join(suspects)} take left for right: oriented probes, or "
+        f"The correspondences of {', '.join(suspects)} confuse left and right: oriented probes, or "
         f"places in space, run against those of the reference {training.reference.name!r}. The "
         "meshes are mirrored or inside out, or the correspondences are the symmetric ones; mirror "
         "the mesh back (negate one coordinate and reverse the faces), let the learner do it "
@@ -259,7 +259,7 @@ def _disagreement(training: TrainingSet, errors: FloatArray) -> list[Finding]:
     typical = float(np.median(own))
     if typical > _WRONG_TO_ALL:
         message = (
-            "Training shapes that are left out of the learning are matched with a mean error of "
+            "Training shapes that are left out of training are matched with a mean error of "
             f"{typical:.2f} sqrt(area), nearly as bad as chance, and new ones will be. Check the "
             "correspondence of the reference first (vertex numbers from 0, those of this very "
             "mesh; Correspondence.from_vertices or from_template), then the others' "
@@ -270,11 +270,11 @@ def _disagreement(training: TrainingSet, errors: FloatArray) -> list[Finding]:
     wrong = [j for j in range(len(own)) if _contradicts(own[j], np.delete(own, j))]
     told = ", ".join(f"{training.describe(left_out[j])} ({own[j]:.2f})" for j in wrong)
     message = (
-        "Left out of the learning, these training shapes are matched far from where their "
+        "Left out of training, these training shapes are matched far from where their "
         f"correspondences say, by this many sqrt(area): {told}; {typical:.2f} is typical of all. "
-        "Vertex numbers of another mesh or counted from 1, left taken for right, or another kind "
-        "of body? Mend the correspondence, or leave the shape out: it spoils what is learned from "
-        "the others."
+        "Vertex numbers of another mesh or counted from 1, left and right confused, or another "
+        "kind of body? Mend the correspondence, or leave the shape out: it spoils what is learned "
+        "from the others."
     )
     return [Finding(DisagreementWarning, message)] if wrong else []
 
@@ -290,7 +290,7 @@ def _instability(training: TrainingSet, learned: LearnedMaps) -> list[Finding]:
     missed = learned.stability / np.sqrt(training.share.sum()) / np.maximum(images, 1e-300)
     best = float(missed[1:].min())  # the constant function always maps
     message = (
-        f"No function maps stably: even the best is missed by {best:.2f} of its norm on the "
+        f"No function is mapped stably: even the best is missed by {best:.2f} of its norm on the "
         "training shapes. Check that the correspondences belong to their shapes (vertex numbers "
         "from 0, Correspondence.from_vertices or from_template), and the winding of the meshes; "
         "or give other probes."

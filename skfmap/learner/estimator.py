@@ -689,7 +689,7 @@ class WeightedFunctionalMapLearner(CallbackSupportMixin, Versioned, BaseEstimato
         if self.landmarks_ is None:
             raise ValueError(
                 "predict_landmarks needs a learner that was fitted with measured points; give y as "
-                "Correspondence.from_points(points, mesh, names), the reference's among them."
+                "Correspondence.from_points(points, mesh, names), including the reference's."
             )
         predictor = LandmarkPredictor(
             self.landmarks_, self.matcher_, self.confidence_, coverage, on_surface

@@ -165,7 +165,7 @@ def learn_landmarks(
     Parameters
     ----------
     training : TrainingSet
-        Shapes whose correspondences have ``coordinates``, the reference's among them.
+        Shapes whose correspondences have ``coordinates``, including the reference's.
     matcher : Matcher
         What was learned from all of them.
     left_out : bool

@@ -1,4 +1,4 @@
-"""What any fitted model answers: a learner, a Pipeline that ends in one, a fitted search."""
+"""Functions that take any fitted model: a learner, a Pipeline that ends in one, a search."""
 
 from collections.abc import Iterable, Sequence
 from typing import Any
@@ -127,8 +127,8 @@ def register(model: Model, X: Sequence[Any]) -> list[Registered]:
     learner, shapes = learner_and_shapes(model, X)
     if not hasattr(learner, "register"):
         raise TypeError(
-            f"{type(learner).__name__} lays no meshes onto shapes; fit its learner by itself, with "
-            "refine='register'."
+            f"{type(learner).__name__} cannot lay meshes onto shapes; fit its learner by itself, "
+            "with refine='register'."
         )
     return list(learner.register(shapes))
 
@@ -136,7 +136,7 @@ def register(model: Model, X: Sequence[Any]) -> list[Registered]:
 def predict_landmarks(
     model: Model, X: Sequence[Any], *, coverage: float = 0.9, on_surface: bool = False
 ) -> list[Landmarks]:
-    """Measure new shapes: put the training shapes' landmarks on them, by any fitted model.
+    """Place the landmarks of the training shapes on new shapes, with any fitted model.
 
     Parameters
     ----------
@@ -150,13 +150,13 @@ def predict_landmarks(
     Returns
     -------
     list of Landmarks
-        In the units and the place of each mesh, with the error to expect and the radius of the ball
-        that holds an observer's point as often as ``coverage`` says.
+        In the units and the place of each mesh, with the expected error and the radius of the ball
+        that contains an observer's point as often as ``coverage`` says.
 
     Raises
     ------
     TypeError
-        If the learner puts no landmarks on shapes.
+        If the learner cannot place landmarks on shapes.
     ValueError
         If it was fitted without measured points.
 
@@ -183,13 +183,13 @@ def predict_landmarks(
     learner, shapes = learner_and_shapes(model, X)
     if not hasattr(learner, "predict_landmarks"):
         raise TypeError(
-            f"{type(learner).__name__} puts no landmarks on shapes; fit its learner by itself."
+            f"{type(learner).__name__} cannot place landmarks on shapes; fit its learner by itself."
         )
     return list(learner.predict_landmarks(shapes, coverage=coverage, on_surface=on_surface))
 
 
 def functional_maps(model: Model, X: Sequence[Any]) -> FloatArray:
-    """Return full functional maps, from the reference to each shape, by any fitted model.
+    """Return full functional maps, from the reference to each shape, with any fitted model.
 
     Parameters
     ----------

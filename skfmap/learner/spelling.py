@@ -34,12 +34,12 @@ def spelling_message(truths: Sequence[Correspondence], called: Sequence[str]) ->
     ...     for names in (["nose", "ear"], ["Nose", "ear"])
     ... )
     >>> spelling_message([one, other], ["X[0]", "X[1]"])[:64]
-    "These names may be one, spelt in two ways: 'nose' and 'Nose' of "
+    "These names may be two spellings of one: 'nose' and 'Nose' of "
     """
     has = [truth.known_names for truth in truths]
     told = _alike(has, called) or _alone(has, called)
     return (
-        f"These names may be one, spelt in two ways: {', '.join(told)}. Landmarks are joined by "
+        f"These names may be two spellings of one: {', '.join(told)}. Landmarks are joined by "
         "name, letter for letter; rename them in the files if they are the same."
         if told
         else ""

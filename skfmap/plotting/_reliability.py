@@ -95,7 +95,7 @@ class ReliabilityDisplay:
         errors = learner.pair_errors(shapes, y, refine=refine)
         if any(match.expected_error is None for match in matches):
             raise ValueError(
-                "The model expects no errors: it was fitted with confidence=None. Fit it with "
+                "The model has no expected errors: it was fitted with confidence=None. Fit it with "
                 "confidence='cross-fit'."
             )
         expected = [
