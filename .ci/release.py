@@ -7,6 +7,7 @@ import sys
 from pathlib import Path
 
 CHANGELOG, VERSION_FILE = Path("docs/changelog.rst"), Path("skfmap/_version.py")
+CITATION, RECIPE = Path("CITATION.cff"), Path("docs/conda/recipe.yaml")
 _VERSION = re.compile(r'^__version__ = "(.*)"$', re.MULTILINE)
 
 
@@ -44,6 +45,27 @@ def versioned(source: str, version: str) -> str:
     return text
 
 
+def cited(citation: str, version: str, today: datetime.date) -> str:
+    """Return the citation file with another version and the date of its release."""
+    text, n = re.subn(
+        r"^version: .*\n(date-released: .*\n)?",
+        f"version: {version}\ndate-released: {today:%Y-%m-%d}\n",
+        citation,
+        flags=re.MULTILINE,
+    )
+    if n != 1:
+        raise ValueError(f"{CITATION} holds {n} lines with a version; one is needed.")
+    return text
+
+
+def packed(recipe: str, version: str) -> str:
+    """Return conda's recipe with another version."""
+    text, n = re.subn(r'^  version: ".*"$', f'  version: "{version}"', recipe, flags=re.MULTILINE)
+    if n != 1:
+        raise ValueError(f"{RECIPE} holds {n} lines with a version; one is needed.")
+    return text
+
+
 def _git(*arguments: str) -> str:
     return subprocess.run(["git", *arguments], capture_output=True, text=True, check=True).stdout
 
@@ -63,9 +85,12 @@ def main(what: str, version: str) -> int:
         if told:
             sys.stderr.write(told + "\n")
         return int(told is not None)
-    CHANGELOG.write_text(
-        dated(changelog, version, datetime.datetime.now(tz=datetime.UTC).date()), encoding="utf-8"
+    today = datetime.datetime.now(tz=datetime.UTC).date()
+    CHANGELOG.write_text(dated(changelog, version, today), encoding="utf-8")
+    CITATION.write_text(
+        cited(CITATION.read_text(encoding="utf-8"), version, today), encoding="utf-8"
     )
+    RECIPE.write_text(packed(RECIPE.read_text(encoding="utf-8"), version), encoding="utf-8")
     VERSION_FILE.write_text(versioned(source, version), encoding="utf-8")
     return 0
 

@@ -4,6 +4,7 @@ import functools
 import importlib.metadata
 import os
 import sys
+import tomllib
 import warnings
 from pathlib import Path
 
@@ -38,11 +39,17 @@ author = "the skfmap developers"
 copyright = "2026, the skfmap developers"
 version = release = importlib.metadata.version("skfmap")
 
+# Not from the installed package's metadata, which an old checkout may have written.
+_PYPROJECT = Path(__file__).resolve().parents[1] / "pyproject.toml"
+urls = tomllib.loads(_PYPROJECT.read_text(encoding="utf-8"))["project"]["urls"]
+
 extensions = [
     "sphinx.ext.autodoc",
     "sphinx.ext.autosummary",
     "matplotlib.sphinxext.plot_directive",
     "numpydoc",
+    "sphinx_copybutton",
+    "sphinx_design",
     "sphinx_gallery.gen_gallery",
     "formulas",
     "layers",
@@ -65,9 +72,12 @@ html_math_renderer = "mathml"
 html_static_path = ["_static"]
 html_css_files = ["skfmap.css"]
 html_show_sourcelink = False
-html_sidebars = {"index": [], "quickstart": [], "search": []}  # these have no pages beside them
+# These have no pages beside them.
+html_sidebars = {name: [] for name in ("index", "install", "quickstart", "search")}
 html_theme_options = {
     "logo": {"text": "skfmap"},
+    "github_url": urls["Source"],
+    "header_links_before_dropdown": 7,
     "navbar_align": "left",
     "navigation_depth": 2,
     "show_toc_level": 2,
@@ -77,6 +87,9 @@ html_theme_options = {
     "footer_start": ["copyright"],
     "footer_end": [],
 }
+# Buttons copy what is to be typed: no prompts, and no output.
+copybutton_prompt_text = r">>> |\.\.\. "
+copybutton_prompt_is_regexp = True
 suppress_warnings = ["config.cache"]
 
 # figures.py has the figures of the pages, layers.py the table of modules, formulas.py the formulas.
@@ -99,12 +112,18 @@ linkcheck_allowed_redirects = {
 }
 # Publishers refuse programs; that they answer at all says that the DOI is known.
 linkcheck_ignore = [r"https://(link\.springer\.com|dl\.acm\.org|onlinelibrary\.wiley\.com)/.*"]
+if version == "0.1.0":  # not released yet, so that its own addresses lead nowhere
+    linkcheck_ignore += [rf"{urls[name]}.*" for name in ("Homepage", "Source")]
 
 sphinx_gallery_conf = {
     "examples_dirs": "../examples",
     "gallery_dirs": "generated/gallery",
     "within_subsection_order": "FileNameSortKey",
-    "backreferences_dir": None,
+    # What the templates of autosummary show as "Examples using".
+    "backreferences_dir": "generated/backreferences",
+    "doc_module": ("skfmap",),
+    "inspect_global_variables": True,
+    "thumbnail_size": (600, 420),
     "filename_pattern": "plot_",
     "abort_on_example_error": True,
     "download_all_examples": False,

@@ -1,4 +1,4 @@
-"""The figures of the pages on concepts and architecture, drawn when the pages are built."""
+"""The figures of the pages, drawn when the pages are built."""
 
 from functools import lru_cache
 from types import SimpleNamespace
@@ -7,13 +7,23 @@ import numpy as np
 from layers import read_layers
 from matplotlib import pyplot as plt
 from matplotlib.patches import FancyBboxPatch
+from scipy.spatial.transform import Rotation
+from sklearn.pipeline import make_pipeline
 
-from skfmap import DescriptorTransformer, Mesh, SpectralBasis, WeightedFunctionalMapLearner
+from skfmap import (
+    DescriptorTransformer,
+    Mesh,
+    SpectralBasis,
+    WeightedFunctionalMapLearner,
+    register,
+)
 from skfmap.datasets import make_creatures
-from skfmap.functional import project
+from skfmap.functional import farthest_points, project
 from skfmap.metrics import ERROR_KINDS
 from skfmap.plotting import (
     BasisErrorDisplay,
+    Camera,
+    ErrorCurveDisplay,
     ReliabilityDisplay,
     SingularValuesDisplay,
     WeightsDisplay,
@@ -21,6 +31,7 @@ from skfmap.plotting import (
     plot_functions,
     plot_matches,
 )
+from skfmap.shape_space import ShapeSpace
 
 
 @lru_cache(maxsize=1)
@@ -275,6 +286,102 @@ def reliability():
     ReliabilityDisplay.from_estimator(
         it.learned, it.new, it.new_truths, name="mean of a tenth of the points"
     )
+
+
+@lru_cache(maxsize=1)
+def _registering():
+    """Return the first of a few creatures, and its mesh laid onto all."""
+    creatures = make_creatures(n_shapes=6, n_vertices=1000, pose_strength=0.3, variation=0.2)
+    model = make_pipeline(
+        SpectralBasis(),
+        DescriptorTransformer(),
+        WeightedFunctionalMapLearner(n_functions=30, refine="register", confidence=None),
+    )
+    model.fit(creatures.meshes[:4], creatures.correspondences[:4])
+    return creatures.meshes[0], register(model, creatures.meshes)
+
+
+def _card(shown, **limits):
+    """Draw meshes with their values in a row, as a picture for a card of the first page."""
+    _, axes = plt.subplots(1, len(shown), figsize=(4.6, 2.1), layout="constrained")
+    for ax, (mesh, values) in zip(axes, shown, strict=True):
+        plot_function(mesh, values, ax=ax, **limits)
+    return axes
+
+
+@lru_cache(maxsize=1)
+def _card_match():
+    """Return what is trained, and the refined match of the new shape."""
+    it = trained()
+    refined = WeightedFunctionalMapLearner().fit(it.shapes[:8], it.truths[:8])
+    return it, refined.match(it.new)[0]
+
+
+def card_match():
+    """Draw the reference, and a new shape in the colours of the vertices that it is matched to."""
+    it, match = _card_match()
+    spread = it.reference.mesh.vertices
+    low, high = spread.min(axis=0), spread.max(axis=0)
+    colours = 0.15 + 0.8 * (spread - low) / (high - low)
+    _card([(it.reference.mesh, colours), (_posed(), colours[match.p2p])])
+
+
+def card_transfer():
+    """Draw labels of the reference, carried to a new shape."""
+    it, match = _card_match()
+    vertices = it.reference.mesh.vertices
+    centres = vertices[farthest_points(vertices, 9)]
+    labels = np.linalg.norm(vertices[:, None] - centres, axis=2).argmin(axis=1)
+    colours = plt.get_cmap("Set3")(labels)[:, :3]
+    _card([(it.reference.mesh, colours), (_posed(), match.transfer(colours))])
+
+
+def card_landmarks():
+    """Draw a few points of the reference, and where they lie on another shape."""
+    reference, registered = _registering()
+    points, camera = farthest_points(reference.vertices, 14), Camera()
+    first, other = (one - one.mean(axis=0) for one in (reference.vertices, registered[5].vertices))
+    turn, _ = Rotation.align_vectors(first, other)
+    shown = [Mesh(first, reference.faces), Mesh(turn.apply(other), reference.faces)]
+    axes = _card([(mesh, np.full((mesh.n_vertices, 3), 0.8)) for mesh in shown])
+    for mesh, ax in zip(shown, axes, strict=True):
+        x, y, depth = camera.project(mesh.vertices).T
+        size = np.ptp(x) / 20
+        near = [np.hypot(x - x[i], y - y[i]) < size for i in points]
+        seen = [i for i, at in zip(points, near, strict=True) if depth[i] > depth[at].max() - size]
+        colours = plt.get_cmap("tab20")([list(points).index(i) for i in seen])
+        ax.scatter(x[seen], y[seen], c=colours, s=30, edgecolor="black", zorder=3)
+
+
+def card_register():
+    """Draw the mean of a collection between two of its variations."""
+    _, registered = _registering()
+    space = ShapeSpace().fit(registered)
+    step = space.standard_deviations_[0] * np.linalg.norm(space.modes_[0], axis=1)
+    _card([(space.mode_mesh(0, t), abs(t) * step) for t in (-2, 0, 2)], limits=(0, 2 * step.max()))
+
+
+def card_trust():
+    """Draw how far off each vertex may be, and how far it is."""
+    it, (match,) = trained(), trained().learned.match(trained().new)
+    (errors,) = it.learned.pair_errors(it.new, it.new_truths)
+    true = np.full(len(match.p2p), np.nan)
+    true[errors.vertices] = errors.direct
+    _card([(_posed(), match.expected_error), (_posed(), true)], limits=(0, 0.08), cmap="magma_r")
+
+
+def card_search():
+    """Draw the share of points that land near where they belong, without and with learning."""
+    it = trained()
+    _, ax = plt.subplots(figsize=(4.6, 2.1), layout="constrained")
+    for name, learner in (("without learning", it.naive), ("learned", it.learned)):
+        ErrorCurveDisplay.from_estimator(learner, it.new, it.new_truths, ax=ax, name=name)
+
+
+def quickstart():
+    """Draw a new shape in the reference's colours, and below the error to expect."""
+    it, match = _card_match()
+    plot_matches([match], [_posed()], it.reference.mesh)
 
 
 def layers():

@@ -13,6 +13,7 @@ from skfmap.learner import (
     WeightedFunctionalMapLearner,
     functional_maps,
     match,
+    match_between,
     predict_landmarks,
     register,
 )
@@ -110,6 +111,7 @@ __all__ = [
     "check_mesh",
     "functional_maps",
     "match",
+    "match_between",
     "predict_landmarks",
     "register",
     "repair_mesh",

@@ -2,6 +2,7 @@
 
 from typing import Any
 
+from skfmap._tools.documented import Documented
 from skfmap._tools.warn import warn
 from skfmap.exceptions import VersionWarning
 
@@ -10,7 +11,7 @@ __all__ = ["Versioned", "__version__"]
 __version__ = "0.1.0"
 
 
-class Versioned:
+class Versioned(Documented):
     """Mixin of estimators whose pickles carry the version; put it before BaseEstimator."""
 
     def __getstate__(self) -> dict[str, Any]:

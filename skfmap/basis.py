@@ -61,35 +61,35 @@ class SpectralBasis(Versioned, StatelessShapeTransformer, BaseEstimator):
     Parameters
     ----------
     n_components : int, default=120
-        Number of eigenfunctions, the constant one included. More than the learner uses: the rest
-        serve descriptors and refinement.
+        Number of eigenfunctions, including the constant one. This is more than the learner uses;
+        descriptors and refinement use the rest.
     laplacian : {"cotangent", "robust"}, default="cotangent"
         ``"cotangent"``: libigl's cotangent stiffness and barycentric lumped mass matrix.
         ``"robust"``: the tufted intrinsic Delaunay Laplacian, for non-manifold and badly shaped
         meshes.
     max_vertices : int or None, default=6000
-        A mesh of more vertices is thinned to so many, on which all is computed; answers are on the
-        vertices that were given all the same. None never thins. Functional maps are smooth: with
-        3,000, 5,000, 8,000 and 12,000 of 25,000 vertices errors on creatures are 1.21 % of
-        sqrt(area) each time, while the time of a refined match grows tenfold.
+        A mesh with more vertices is thinned to this number, and everything is computed on the
+        thinned mesh; answers are still on the given vertices. None never thins. Functional maps are
+        smooth: with 3,000, 5,000, 8,000 and 12,000 of 25,000 vertices, errors on creatures are
+        1.21 % of sqrt(area) each time, while the time of a refined match grows tenfold.
     wrap : {"auto"} or None, default=None
-        Whether a mesh that is no surface of a body, with hundreds of tunnels or debris all around,
-        is wrapped: the working mesh is then the outer shell around it, with tunnels and pores
-        closed. Given vertices that the shell does not reach, as those of inner walls, are answered
-        with -1 and NaN. None never wraps: on mouse skulls with 250 tunnels and more, refined
+        Whether to wrap a mesh that is not the surface of one body but has hundreds of tunnels, or
+        debris all around: the working mesh is then the outer shell around it, with tunnels and
+        pores closed. Given vertices that the shell does not reach, such as those of inner walls,
+        get -1 and NaN. None never wraps: on mouse skulls with 250 tunnels and more, refined
         matches put landmarks within 0.32 mm without it and 0.42 mm with it. Nothing is wrapped with
         ``on_invalid="raise"``.
     on_invalid : {"mend", "raise", "skip"}, default="mend"
         What to do with a mesh that cannot be used as it is. ``"mend"`` mends it as
-        `skfmap.repair_mesh` does, with a warning that says what was done, and raises where nothing
-        helps; answers are in the numbers that the mesh came with, -1 where a vertex was removed.
-        ``"raise"`` never mends. ``"skip"`` mends, and where nothing helps puts a
-        `skfmap.shapes.SkippedShape` in its place, with a warning: the learner leaves it out, and
-        answers NaN and -1.
+        `skfmap.repair_mesh` does, with a warning that says what was done, and raises an error if
+        that is impossible; answers have the vertex numbers of the given mesh, with -1 where a
+        vertex was removed. ``"raise"`` never mends. ``"skip"`` mends, and if that is impossible
+        puts a `skfmap.shapes.SkippedShape` in its place, with a warning: the learner leaves it out,
+        and its answers are NaN and -1.
     memory : str or joblib.Memory, optional
         Where results are cached, by mesh content and parameters.
     n_jobs : int, optional
-        Shapes at a time; see joblib.
+        Number of shapes processed in parallel; see joblib.
     verbose : int, default=0
         Verbosity of joblib's progress.
 
@@ -99,15 +99,15 @@ class SpectralBasis(Versioned, StatelessShapeTransformer, BaseEstimator):
 
     Notes
     -----
-    Stateless: `transform` works without `fit`, and each shape is treated by itself. Shapes are
-    scaled to unit area inside. Eigenfunctions come from shift-invert Lanczos with a fixed start
+    Stateless: `transform` works without `fit`, and each shape is processed separately. Internally,
+    shapes are scaled to unit area. Eigenfunctions come from shift-invert Lanczos with a fixed start
     vector; the sign of each makes the integral of its cube positive. Eigenfunctions are computed in
     blocks of 128 and cut to ``n_components``, so that a search over it computes (and caches) each
-    basis once. Faces are wound consistently and outwards where that can be told.
+    basis once. Faces are wound consistently, and outwards where the outside can be determined.
 
-    Each mesh is brought to a *working mesh*, which is sound, connected and of at most
-    ``max_vertices`` vertices, and remembers where on it each given vertex lies (`SpectralShape`).
-    The given meshes are not kept: where ``X`` holds paths, a worker reads one, thins and drops it.
+    Each mesh is turned into a *working mesh*, which is sound and connected and has at most
+    ``max_vertices`` vertices. `SpectralShape` records where on it each given vertex lies. The given
+    meshes are not kept: if ``X`` holds paths, a worker reads one mesh, thins it and drops it.
 
     Examples
     --------
@@ -183,17 +183,17 @@ class SpectralBasis(Versioned, StatelessShapeTransformer, BaseEstimator):
         Raises
         ------
         MeshError
-            If a mesh cannot be used: it cannot be read, has no surface or no area, or too few
-            vertices; with ``on_invalid="raise"`` also if it has unreferenced vertices, several
-            components, degenerate or non-manifold parts that the chosen Laplacian cannot deal with.
-            The message names the shape and the remedy.
+            If a mesh cannot be used because it cannot be read, has no surface or no area, or has
+            too few vertices; with ``on_invalid="raise"`` also if it has unreferenced vertices,
+            several components, or degenerate or non-manifold parts that the chosen Laplacian cannot
+            handle. The message names the shape and the remedy.
         TypeError
             If ``X`` is one mesh rather than a sequence of meshes.
 
         Warns
         -----
         OrientationWarning
-            If it cannot be told which side of a mesh is its outside.
+            If the outside of a mesh cannot be determined.
         RepairWarning, SkippedShapeWarning
             If meshes were mended, or left out, as ``on_invalid`` says.
         """

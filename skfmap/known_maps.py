@@ -1,7 +1,7 @@
 """Where known maps come from: pairs as given, or dense maps that are built from a few landmarks.
 
-A part of the learner, as refinements are: `KnownMaps.build` returns, for each training shape, the
-pairs that its known map is made of.
+A part of the learner, like refinements: `KnownMaps.build` returns, for each training shape, the
+pairs that its known map is made from.
 """
 
 from abc import ABC, abstractmethod
@@ -88,7 +88,7 @@ class GivenPairs(NamedTuple):
     k : int
         Number of functions.
     memory, n_jobs : object
-        Cache, and shapes at a time.
+        Cache, and number of shapes processed in parallel.
     """
 
     shapes: Sequence[ProbedShape]
@@ -100,27 +100,27 @@ class GivenPairs(NamedTuple):
 
 
 class BuiltMap(NamedTuple):
-    """The pairs that the known map of a shape is made of, and what was found out about those given.
+    """The pairs that the known map of a shape is made from, and what is known of those given.
 
     Attributes
     ----------
     pairs : JoinedPairs
         Between given vertices of S_i and of S_0.
     kind : str
-        ``"pairs"`` where these are those that were given, else how they were built.
+        ``"pairs"`` if these are the given pairs, otherwise how they were built.
     wrong : ndarray of bool, shape (n_given,)
-        Which of the given pairs were left out of the building as wrong.
+        Which of the given pairs were left out as wrong.
     errors : ndarray of shape (n_given,)
         How far from its place on S_0 each landmark is put by what is built without it, in
-        sqrt(area); NaN where that was not asked.
+        sqrt(area); NaN if that was not computed.
     residuals : ndarray of shape (n_right, n_components)
-        What each right landmark is missed by then, in eigenfunctions of S_0; no rows where it was
-        not asked.
+        The same error of each correct landmark, in eigenfunctions of S_0; no rows if that was not
+        computed.
     exchanged : list of (int, int)
-        Template points of landmarks that seem to be exchanged.
+        Template points of landmarks that seem to be swapped.
     gap : float
-        Largest distance from a point of S_0 to its nearest landmark, in sqrt(area); 0 where it was
-        not asked.
+        Largest distance from a point of S_0 to its nearest landmark, in sqrt(area); 0 if that was
+        not computed.
     """
 
     pairs: JoinedPairs
@@ -139,7 +139,7 @@ class BuiltMap(NamedTuple):
 
 
 class KnownMapsRecord(NamedTuple):
-    """What a fitted learner remembers of how its known maps came about (``known_maps_``).
+    """What a fitted learner records about how its known maps were made (``known_maps_``).
 
     Attributes
     ----------
@@ -147,8 +147,8 @@ class KnownMapsRecord(NamedTuple):
         For each shape given to `fit`: ``"pairs"``, ``"from-landmarks"`` or ``"in-space"``, or
         ``""`` for the reference and shapes that were left out.
     n_landmarks, n_pairs : ndarray of int, shape (n_shapes,)
-        Distinct landmarks that each shares with the reference, and pairs that its known map is made
-        of.
+        Number of distinct landmarks that each shape shares with the reference, and of pairs that
+        its known map is made from.
     points : ndarray of int, shape (n_points,)
         Template points of the landmarks that maps were built from.
     landmark_errors : ndarray of shape (n_shapes, n_points)
@@ -184,7 +184,7 @@ class KnownMapsRecord(NamedTuple):
 
 
 class KnownMaps(Part, ABC):
-    """A way to find the pairs that known maps are made of; derive from it to write your own."""
+    """A way to find the pairs that known maps are made from; derive from it to write your own."""
 
     @abstractmethod
     def build(self, given: GivenPairs) -> list[BuiltMap]:
@@ -212,7 +212,7 @@ class KnownMaps(Part, ABC):
 
 
 class PairsAsGiven(KnownMaps):
-    """Known maps from the pairs as they are given: at least ``n_functions``, better twice that."""
+    """Known maps from the given pairs: at least ``n_functions`` of them, better twice as many."""
 
     def build(self, given: GivenPairs) -> list[BuiltMap]:
         """Return the pairs."""
@@ -253,20 +253,21 @@ class _FromFew(KnownMaps):
 
 
 class FromLandmarks(_FromFew):
-    """Known maps from a few landmarks, for kinds that bend: dense maps are built, not asked for.
+    """Known maps from a few landmarks, for shapes that bend: dense maps are built from them.
 
-    Each is begun from heat around the landmarks and from the probe functions, unweighted, under the
-    isometric prior, and grows as `skfmap.refinement.BijectiveZoomOut` does, held by the landmarks.
+    Each starts from heat around the landmarks and from unweighted probe functions, assumes an
+    isometry, and grows like those of `skfmap.refinement.BijectiveZoomOut`, constrained by the
+    landmarks.
 
     Parameters
     ----------
     n_samples : int, default=2000
-        Vertices of each shape that are matched while maps grow.
+        Number of vertices of each shape that are matched while maps grow.
     final_steps : int, default=2
         Steps in which all vertices are matched.
     enough : float, default=2.0
-        Shapes that share at least so many distinct pairs per function with the reference keep these
-        as they are.
+        If a shape shares at least this many distinct pairs per function with the reference, they
+        are used as they are.
 
     Examples
     --------
@@ -296,11 +297,11 @@ class FromLandmarks(_FromFew):
 
 
 class InSpace(_FromFew):
-    """Known maps from a few landmarks, for stiff kinds, of which space tells more than functions.
+    """Known maps from a few landmarks, for rigid shapes, which are better matched in space.
 
-    The reference is moved by the similarity of the landmarks, then deformed as little as can be
-    until the landmarks and the closest points of the surface meet; landmarks are not held, as
-    nobody places them exactly.
+    The reference is moved by the similarity that fits the landmarks, and then deformed as little
+    as possible until it meets the landmarks and the closest points of the surface. Landmarks are
+    not matched exactly, since nobody places them exactly.
 
     Parameters
     ----------
@@ -328,10 +329,10 @@ class InSpace(_FromFew):
 
 
 class AutoKnownMaps(FromLandmarks):
-    """Pairs as given where they are enough, else maps that are built from the landmarks.
+    """The given pairs where they are enough, otherwise maps that are built from the landmarks.
 
-    In space where a similarity explains the landmarks, in functions elsewhere. What was done is in
-    the learner's ``known_maps_``. Parameters are those of `FromLandmarks`.
+    Maps are built in space if a similarity explains the landmarks, and in functions otherwise. The
+    learner's ``known_maps_`` says what was done. Parameters are those of `FromLandmarks`.
     """
 
     def build(self, given: GivenPairs) -> list[BuiltMap]:

@@ -2,10 +2,10 @@
 
 Geodesic errors, equation (5), singular values, coverage, continuity.
 
-All lengths are in units of sqrt(area) of the reference. Errors come in three kinds: ``"direct"``
-forgives nothing; ``"consistent"`` takes the better of the direct and the symmetric answer once for
-the whole map; ``"per_vertex"`` takes the better at each pair (the paper's "symmetric
-correspondences are considered correct").
+All lengths are in units of sqrt(area) of the reference. There are three kinds of errors:
+``"direct"`` accepts no symmetric answer; ``"consistent"`` takes the better of the direct and the
+symmetric answer once for the whole map; ``"per_vertex"`` takes the better at each pair (the paper's
+"symmetric correspondences are considered correct").
 """
 
 from collections.abc import Callable, Sequence
@@ -157,15 +157,15 @@ def get_scorer(name: str, reference_y: Answer | None = None) -> Callable[..., fl
     Parameters
     ----------
     name : str
-        ``"neg_geodesic_error"`` forgives nothing. ``"neg_consistent_geodesic_error"`` takes the
-        better side once for the map, ``"neg_per_vertex_geodesic_error"`` at each pair; both need
-        the symmetric answer in the reference's correspondence. With the paper's symmetric probes a
-        direct score is a coin toss between sides: use the consistent one. ``"neg_landmark_error"``
-        is the distance of predicted landmarks from measured ones, in the units of the meshes; ``y``
-        then holds `Correspondence.from_points`.
+        ``"neg_geodesic_error"`` accepts no symmetric answer. ``"neg_consistent_geodesic_error"``
+        takes the better side once for the map, ``"neg_per_vertex_geodesic_error"`` at each pair;
+        both need the symmetric answer in the reference's correspondence. With the paper's symmetric
+        probes a direct score is a coin toss between sides: use the consistent one.
+        ``"neg_landmark_error"`` is the distance of predicted landmarks from measured ones, in the
+        units of the meshes; ``y`` then holds correspondences from `Correspondence.from_points`.
     reference_y : Correspondence or int array, optional
         Where the reference lies at the template points that are scored, if these were not given to
-        ``fit``: with sparse landmarks, half of them are fitted and the other half scored.
+        ``fit``: with sparse landmarks, fit on half of them and score on the other half.
 
     Returns
     -------

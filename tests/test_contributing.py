@@ -9,6 +9,8 @@ from pathlib import Path
 
 import pytest
 
+import skfmap
+
 ROOT = Path(__file__).resolve().parents[1]
 pytestmark = pytest.mark.skipif(not (ROOT / ".ci").is_dir(), reason="not in a checkout")
 
@@ -147,8 +149,49 @@ def test_what_changes_with_a_release():
     assert "1.2.0 (2026-03-04)\n------------------\n" in text
     source = (ROOT / "skfmap" / "_version.py").read_text(encoding="utf-8")
     assert '__version__ = "9.8.7"' in release.versioned(source, "9.8.7")
+    citation = (ROOT / "CITATION.cff").read_text(encoding="utf-8")
+    dated = release.cited(citation, "9.8.7", datetime.date(2026, 3, 4))
+    assert "\nversion: 9.8.7\ndate-released: 2026-03-04\n" in dated
+    again = release.cited(dated, "9.8.8", datetime.date(2026, 3, 5))
+    assert again.count("date-released") == 1
+    recipe = (ROOT / "docs" / "conda" / "recipe.yaml").read_text(encoding="utf-8")
+    assert '\n  version: "9.8.7"\n' in release.packed(recipe, "9.8.7")
+    for write in (release.versioned, release.packed):
+        with pytest.raises(ValueError, match="0 lines"):
+            write("", "9.8.7")
     with pytest.raises(ValueError, match="0 lines"):
-        release.versioned("", "9.8.7")
+        release.cited("", "9.8.7", datetime.date(2026, 3, 4))
+
+
+def test_one_address_and_one_version_everywhere(project):
+    urls = project["project"]["urls"]
+    citation = (ROOT / "CITATION.cff").read_text(encoding="utf-8")
+    recipe = (ROOT / "docs" / "conda" / "recipe.yaml").read_text(encoding="utf-8")
+    assert f"\nversion: {skfmap.__version__}\n" in citation
+    assert f'\n  version: "{skfmap.__version__}"\n' in recipe
+    assert f"repository-code: {urls['Source']}\nurl: {urls['Homepage']}\n" in citation
+    assert f"homepage: {urls['Homepage']}\n  repository: {urls['Source']}\n" in recipe
+
+
+def test_the_picture_of_the_readme_also_shows_on_a_package_index(project):
+    text = (ROOT / "README.md").read_text(encoding="utf-8")
+    pictures = re.findall(r"!\[[^]]+\]\(([^)]+)\)", text)
+    assert pictures
+    raw = project["project"]["urls"]["Source"].replace("github.com", "raw.githubusercontent.com")
+    for address in pictures:
+        assert address.startswith(f"{raw}/main/")
+        assert (ROOT / address.removeprefix(f"{raw}/main/")).is_file()
+
+
+def test_the_recipe_of_conda_has_the_floors(project):
+    recipe = (ROOT / "docs" / "conda" / "recipe.yaml").read_text(encoding="utf-8")
+    conda_name = {"libigl": "igl", "matplotlib": "matplotlib-base"}
+    for line in [
+        *project["project"]["dependencies"],
+        f"python{project['project']['requires-python']}",
+    ]:
+        name, floor = line.split(">=")
+        assert f"    - {conda_name.get(name, name)} >={floor}" in recipe.split("run:")[1]
 
 
 def test_the_oldest_dependencies_are_the_floors(project):

@@ -109,7 +109,7 @@ def test_a_mirrored_shape_is_not_called_unfamiliar_as_well(probed):
 
 
 def test_a_shape_that_the_reference_does_not_fit_is_named_once_with_its_shares(probed):
-    usable, bad = pick_usable(probed[:3]), Quality(0.25, 0.5, 0.125)
+    usable, bad = pick_usable(probed[:3]), Quality(0.25, 0.5, 0.125, 0.0)
     _, *findings = diagnose_new_shapes(
         usable, [True, False, False], [False, False, False], [bad, bad, None]
     )

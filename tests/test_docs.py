@@ -5,6 +5,7 @@ import pkgutil
 import re
 import subprocess
 import sys
+import tomllib
 from pathlib import Path
 
 import pytest
@@ -49,6 +50,19 @@ def test_python_stands_in_examples_that_are_run():
         ), name
 
 
+def _installs(command):
+    """Whether extras, addresses and files of a command that installs something are ours."""
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    if command.startswith("git clone"):
+        return command.split()[2] == project["urls"]["Source"]
+    if command.startswith("rattler-build"):
+        return (ROOT / command.split("--recipe ")[1].split()[0]).is_file()
+    extras = re.findall(r"\[([\w,-]+)\]", command)
+    return {one for group in extras for one in group.split(",")} <= set(
+        project["optional-dependencies"]
+    )
+
+
 def _commands():
     return [
         (name, line)
@@ -64,6 +78,8 @@ def test_commands_are_those_that_the_gate_runs_or_parse(page, command):
         assert f"```console\n{command}\n```" in (ROOT / "README.md").read_text(
             encoding="utf-8"
         )  # the gate runs these
+    elif "pip install" in command or command.startswith(("git clone", "rattler-build")):
+        assert _installs(command)
     elif command.startswith(".ci/run"):
         step = command.split()[1]
         assert f"\n{step}() {{\n" in (ROOT / ".ci" / "run").read_text(encoding="utf-8")

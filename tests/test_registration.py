@@ -294,7 +294,7 @@ def test_folds_keep_what_all_shapes_chose(creatures, monkeypatch):
 
     def fit_and_tell(self, *data):
         fits.append(fit(self, *data))
-        self.limits_ = self.limits_.with_usual([Quality(0.1, 0.2, 0.3)])
+        self.limits_ = self.limits_.with_usual([Quality(0.1, 0.2, 0.3, 0.0)])
         return self
 
     def fit_fold_and_tell(self, *data):
@@ -580,12 +580,16 @@ def test_a_match_through_a_mesh_that_does_not_fit_is_told_once(confidence, taugh
 
 
 def test_limits_are_three_times_the_usual_and_five_percent_at_least():
-    seen = [Quality(0.0, 0.04, 0.01), Quality(0.0, 0.9, 0.03), Quality(0.0, 0.02, 0.03)]
-    limits = Limits(0.5, Quality(0.0, 0.0, 0.0)).with_usual(seen)
-    assert limits.usual == Quality(0.0, 0.04, 0.03)
-    assert not limits.with_usual([Quality(0.5, 0.5, 0.5)]).allow(Quality(0.21, 0, 0))
-    assert limits.allow(Quality(0.05, 0.12, 0.09))
-    for wrong in (Quality(0.051, 0, 0), Quality(0, 0.121, 0), Quality(0, 0, 0.091)):
+    seen = [
+        Quality(0.0, 0.04, 0.01, 0.0),
+        Quality(0.0, 0.9, 0.03, 0.0),
+        Quality(0.0, 0.02, 0.03, 0.0),
+    ]
+    limits = Limits(0.5, Quality(0.0, 0.0, 0.0, 0.0)).with_usual(seen)
+    assert limits.usual == Quality(0.0, 0.04, 0.03, 0.0)
+    assert not limits.with_usual([Quality(0.5, 0.5, 0.5, 0.0)]).allow(Quality(0.21, 0, 0, 0.0))
+    assert limits.allow(Quality(0.05, 0.12, 0.09, 0.0))
+    for wrong in (Quality(0.051, 0, 0, 0.0), Quality(0, 0.121, 0, 0.0), Quality(0, 0, 0.091, 0.0)):
         assert not limits.allow(wrong)
 
 
@@ -603,10 +607,23 @@ def test_qualities_in_closed_form():
         )
         return tuple(found)
 
-    assert quality(vertices, vertices) == (0, 0, 0)
-    assert quality(1.05 * vertices, vertices) == (0, 0, 0)
-    assert quality(1.2 * vertices, 1.2 * vertices) == (0, 0, 1)
-    assert quality(vertices, vertices + np.array([9, 0, 0])) == (1, 1, 0)
+    energy = rest.mean.weights @ np.square(rest.mean.vectors).sum(axis=1)
+    assert quality(vertices, vertices) == pytest.approx((0, 0, 0, 0))
+    assert quality(1.05 * vertices, vertices) == pytest.approx((0, 0, 0, 0.05**2 * energy))
+    assert quality(1.2 * vertices, 1.2 * vertices) == pytest.approx((0, 0, 1, 0.2**2 * energy))
+    assert quality(vertices, vertices + np.array([9, 0, 0])) == pytest.approx((1, 1, 0, 0))
+
+
+def test_a_misfit_is_one_where_a_reference_lies_as_usual():
+    usual = Quality(0.04, 0.06, 0.01, 0.03)
+    limits = Limits(0.5, usual)
+    assert limits.misfit(usual) == pytest.approx(1.0)
+    assert not limits.doubt(usual)
+    assert limits.doubt(usual._replace(energy=0.09))
+    assert limits.doubt(usual._replace(uncovered=0.4))
+    # Kinds that hardly vary: nothing is doubtful that is off by less than a few in a hundred.
+    still = Limits(0.5, Quality(0.0, 0.0, 0.0, 0.0))
+    assert not still.doubt(Quality(0.02, 0.02, 0.0, 0.01))
 
 
 class Scrambled(BijectiveZoomOut):

@@ -4,10 +4,12 @@ from typing import Any, Self
 
 from sklearn.base import BaseEstimator, clone
 
+from skfmap._tools.documented import Documented
+
 __all__ = ["Part"]
 
 
-class Part(BaseEstimator):
+class Part(Documented, BaseEstimator):
     """A part of the learner: a `Refinement` or a `Confidence`.
 
     It stores its parameters in ``__init__``. What it has to learn from the training shapes goes

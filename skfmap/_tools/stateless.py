@@ -3,10 +3,12 @@
 from sklearn.base import TransformerMixin
 from sklearn.utils import Tags
 
+from skfmap._tools.documented import Documented
+
 __all__ = ["StatelessShapeTransformer"]
 
 
-class StatelessShapeTransformer(TransformerMixin):
+class StatelessShapeTransformer(Documented, TransformerMixin):
     """Mixin of transformers whose `transform` works without `fit`, on lists that stay lists."""
 
     def __init_subclass__(cls, **options: object) -> None:

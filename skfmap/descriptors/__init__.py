@@ -1,6 +1,6 @@
-"""Probe functions: the paper's nine families, the oriented one that tells left from right, others.
+"""Probe functions: the paper's nine families, an oriented one that tells left from right, and more.
 
-Others are your own functions, and the coordinates of aligned shapes.
+There are also families for your own functions, and for the coordinates of aligned shapes.
 """
 
 from skfmap.descriptors.coordinates import Coordinates

@@ -16,27 +16,27 @@ _AXES = ("x", "y", "z")
 
 
 class Coordinates(ProbeFamily):
-    """Positions and normals, for collections whose shapes stand alike.
+    """Positions and normals, for collections of aligned shapes.
 
-    Positions are centred at the centroid of the area, on the shape of unit area. Unlike all other
-    families these functions change when a shape is turned: use them only where all shapes, new
-    ones too, were aligned before, and where they are so stiff that aligned points lie near each
-    other. They are never in the default.
+    Positions are relative to the centroid of the surface, on the shape of unit area. Unlike all
+    other families, these functions change when a shape is rotated: use them only if all shapes,
+    including new ones, were aligned before, and if they are so rigid that corresponding points are
+    then close to each other. They are never part of the default.
 
     Parameters
     ----------
     normals : bool, default=True
         Whether unit normals at the vertices, pointing outwards, are probe functions too.
     time : float, default=0.0
-        How long heat flows, at unit area, to smooth the functions; 0: not at all, but for the cut
-        of the basis.
+        Time of the heat flow that smooths the functions, at unit area; with 0 they are smoothed
+        only by truncation to the basis.
 
     Notes
     -----
     Give the family a name that begins with ``coordinates``: the learner's ``on_mirrored="reflect"``
-    negates x in the families of that name, and so expects that images of aligned shapes in the
-    plane x = 0 are aligned too, as where x runs from side to side. Whether a new shape is mirrored
-    is told by oriented probes alone.
+    negates x in families with such a name. It assumes that aligned shapes stay aligned when they
+    are mirrored in the plane x = 0, as if x runs from side to side. Only oriented probes tell
+    whether a new shape is mirrored.
 
     Examples
     --------

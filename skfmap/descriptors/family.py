@@ -17,9 +17,9 @@ __all__ = ["ProbeFamily", "check_range", "check_spectral", "finite_coefficients"
 
 
 class ProbeFamily(StatelessShapeTransformer, BaseEstimator, ABC):
-    """A family of probe functions; derive from it to add one.
+    """A family of probe functions; derive from it to add your own.
 
-    A family is stateless: its scales are constants on shapes of unit area, so that a probe means
+    A family is stateless: its scales are constants for shapes of unit area, so that a probe means
     the same on every shape. Subclasses store parameters in ``__init__`` and implement
     `check_parameters`, `labels` and `coefficients`.
     """
@@ -30,7 +30,7 @@ class ProbeFamily(StatelessShapeTransformer, BaseEstimator, ABC):
 
     @abstractmethod
     def labels(self) -> list[str]:
-        """Return what tells the functions of the family apart, one label each."""
+        """Return a label for each function of the family, which tells it from the others."""
 
     @abstractmethod
     def coefficients(self, shape: SpectralShape) -> FloatArray:

@@ -1,4 +1,4 @@
-"""Probe functions that a person writes."""
+"""Probe functions that users write."""
 
 from collections.abc import Callable
 
@@ -21,10 +21,10 @@ class FunctionProbes(ProbeFamily):
     ----------
     function : callable
         Takes a `SpectralShape` (of unit area: ``vertices``, ``mesh.faces``, ``mass``, ``evals``,
-        ``evecs``, all of the working mesh) and returns values at its vertices, shape (n_vertices,)
-        or (n_vertices, n_functions); or at those of the given mesh, which are brought to the
-        working mesh by `SpectralShape.restrict`. Its scales must be constants at unit area, so that
-        a probe means the same on every shape.
+        ``evecs``, all of the working mesh) and returns values at its vertices, of shape
+        (n_vertices,) or (n_vertices, n_functions). It may also return values at the vertices of the
+        given mesh, which `SpectralShape.restrict` takes to the working mesh. Its scales must be
+        constants at unit area, so that a probe means the same on every shape.
     n_functions : int, default=1
         Number of functions that it returns.
     kw_args : dict, optional
@@ -32,10 +32,10 @@ class FunctionProbes(ProbeFamily):
 
     Notes
     -----
-    Results are cached where `DescriptorTransformer` has a ``memory`` if ``function`` is a function
-    of a module; a lambda or a closure is computed each time, because nothing tells one from the
-    next. The source of ``function`` is part of the key, and so is that of what it calls in modules
-    that are not installed: change either, and it is computed anew.
+    If `DescriptorTransformer` has a ``memory``, results are cached, provided that ``function`` is
+    defined in a module; a lambda or a closure is computed each time, because it cannot be
+    identified. The source of ``function`` is part of the key, and so is that of what it calls in
+    modules that are not installed: if either changes, it is computed again.
 
     Examples
     --------

@@ -20,8 +20,8 @@ class HeatKernelSignature(ProbeFamily):
     n_functions : int, default=5
         Number of times, in geometric progression.
     t_min, t_max : float, default=0.01, 1.0
-        First and last time on the shape of unit area. The paper leaves them open; there, 0.01 sees
-        details of about 0.15 sqrt(area), and at 1 only the slowest functions are left.
+        First and last time on the shape of unit area. The paper leaves them open; 0.01 sees details
+        of about 0.15 sqrt(area), and at 1 only the smoothest functions are left.
     """
 
     def __init__(self, n_functions: int = 5, *, t_min: float = 0.01, t_max: float = 1.0) -> None:

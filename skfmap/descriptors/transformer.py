@@ -30,17 +30,18 @@ class DescriptorTransformer(Versioned, StatelessShapeTransformer, _BaseCompositi
     Parameters
     ----------
     families : list of (str, ProbeFamily), {"paper", "paper-310"}, or None
-        Named families, as in FeatureUnion; parameters are reachable as ``name__parameter``. None is
-        `default_families` (the paper's nine and the oriented one: 105 functions), ``"paper"`` the
-        paper's nine alone (50 functions), ``"paper-310"`` the 310 of section 5.3.
+        Named families, as in FeatureUnion; their parameters can be set as ``name__parameter``. None
+        stands for `default_families` (the paper's nine and the oriented one: 105 functions),
+        ``"paper"`` for the paper's nine alone (50 functions), ``"paper-310"`` for the 310 of
+        section 5.3.
     on_invalid : {"raise", "skip"}, default="raise"
-        What to do with a shape that a family cannot deal with, such as oriented probes with a
-        surface that has no outside. ``"skip"`` puts a `skfmap.shapes.SkippedShape` in its place,
-        with a warning.
+        What to do with a shape that a family cannot handle, such as a surface without an outside,
+        for which there are no oriented probes. ``"skip"`` puts a `skfmap.shapes.SkippedShape` in
+        its place, with a warning.
     memory : str or joblib.Memory, optional
         Where results are cached, by mesh content and parameters.
     n_jobs : int, optional
-        Shapes at a time; see joblib.
+        Number of shapes processed in parallel; see joblib.
     verbose : int, default=0
         Verbosity of joblib's progress.
 
@@ -51,8 +52,8 @@ class DescriptorTransformer(Versioned, StatelessShapeTransformer, _BaseCompositi
 
     Notes
     -----
-    Stateless. All scales are constants on shapes of unit area. The name of a family is the category
-    of its functions.
+    Stateless. All scales are constants for shapes of unit area. The name of a family is the
+    category of its functions.
 
     Examples
     --------
@@ -116,7 +117,7 @@ class DescriptorTransformer(Versioned, StatelessShapeTransformer, _BaseCompositi
         Raises
         ------
         MeshError
-            If oriented probes are asked for on a surface that has no consistent winding.
+            If the families have oriented probes and a surface has no consistent winding.
         """
         families = self._checked_families()
         given = pick_usable(check_spectral(X))

@@ -1,4 +1,4 @@
-"""Specimens turned and shifted onto their mean, in their own size."""
+"""Specimens rotated and translated onto their mean, in their own size."""
 
 import numpy as np
 import numpy.typing as npt
@@ -16,23 +16,23 @@ _FEWEST = 3
 
 
 def align_landmarks(array: npt.ArrayLike, *, scale: bool = False) -> FloatArray:
-    """Return specimens turned and shifted onto their mean (generalised Procrustes analysis).
+    """Return specimens rotated and translated onto their mean (generalised Procrustes analysis).
 
-    Specimens lie anywhere, as they were scanned; this is where they can be compared point by point.
-    The exported table is never aligned.
+    Scanned specimens lie anywhere; once aligned, they can be compared point by point. The exported
+    table is never aligned.
 
     Parameters
     ----------
     array : array-like of shape (n_specimens, n_landmarks, 3)
         Landmarks, from `stack_landmarks`.
     scale : bool, default=False
-        Whether specimens are brought to centroid size 1 first. Otherwise size is kept.
+        Whether specimens are scaled to centroid size 1 first. Otherwise size is kept.
 
     Returns
     -------
     ndarray of shape (n_specimens, n_landmarks, 3)
-        Turned about as the first of the specimens with the most landmarks, the mean's centroid in
-        the origin; missing landmarks stay NaN, and count nowhere.
+        Oriented like the first of the specimens with the most landmarks, with the mean's centroid
+        at the origin; missing landmarks stay NaN, and are ignored.
 
     Raises
     ------
@@ -41,7 +41,7 @@ def align_landmarks(array: npt.ArrayLike, *, scale: bool = False) -> FloatArray:
 
     See Also
     --------
-    skfmap.shape_space.ShapeSpace : Mean and modes of specimens that lack nothing.
+    skfmap.shape_space.ShapeSpace : Mean and modes of specimens without missing landmarks.
 
     Examples
     --------

@@ -21,17 +21,17 @@ class ObserverError:
     ----------
     per_landmark : ndarray of shape (n_landmarks,) or None
         Mean distance between the first and the second placing; NaN for a landmark that was placed
-        twice nowhere. None where nothing is known.
+        twice on no specimen. None if nothing is known.
     mean : float or None
         Mean over all landmarks that were placed twice.
     of_one_placing : ndarray of shape (n_landmarks,) or None
         Root mean square distance of one placing from where the observer would put it on average:
-        that between two, divided by the root of two (Dahlberg). What the error of a prediction can
-        at best come down to, if it is compared with one placing.
+        the distance between two placings, divided by the root of two (Dahlberg). A prediction that
+        is compared with a single placing cannot have a smaller error.
     names : tuple of str
-        Of the landmarks.
+        Names of the landmarks.
     n_specimens : int
-        How many were digitised twice.
+        Number of specimens that were digitised twice.
     """
 
     per_landmark: FloatArray | None = None
@@ -59,19 +59,19 @@ def observer_error(
     Parameters
     ----------
     first, second : sequence of Landmarks
-        Of specimens that were digitised twice, in the coordinates of the same meshes. Specimens
-        are joined by name, landmarks by theirs; specimens that stand in one of the two only are
-        left out. Without a second one, or where no specimen stands in both, the error is unknown.
+        Landmarks of specimens that were digitised twice, in the coordinates of the same meshes.
+        Specimens and landmarks are joined by name; specimens in only one of the two are left out.
+        Without ``second``, or if no specimen is in both, the error is unknown.
 
     Returns
     -------
     ObserverError
-        Per landmark and on average; it says so where nothing is known.
+        Per landmark and on average; it says so if nothing is known.
 
     Raises
     ------
     CorrespondenceError
-        If a specimen has no name, or two have one.
+        If a specimen has no name, or two have the same.
 
     Examples
     --------

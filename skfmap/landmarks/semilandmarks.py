@@ -1,4 +1,4 @@
-"""Points that were placed once on the reference, on all specimens."""
+"""Points that were placed once, on the reference, carried onto all specimens."""
 
 from collections.abc import Sequence
 from typing import cast
@@ -19,19 +19,19 @@ def carry_points(
     reference: Mesh,
     meshes: Sequence[Mesh] | None = None,
 ) -> list[Landmarks]:
-    """Carry points of the reference, as of a patch or a curve, onto all specimens.
+    """Carry points of the reference, such as those of a patch or a curve, onto all specimens.
 
-    Each point is a place on a triangle of the reference's mesh. It goes where the triangle goes,
-    and from there to the nearest point of the specimen's own surface, if that is given.
+    Each point is a place on a triangle of the reference's mesh. It moves with the triangle, and
+    then goes to the nearest point of the specimen's own surface, if that is given.
 
     Parameters
     ----------
     carriers : sequence of Registered, or of Match
-        From `skfmap.register`, or from `skfmap.match`. Registered meshes are smoother, and
-        a match knows vertices alone.
+        From `skfmap.register`, or from `skfmap.match`. Registered meshes give smoother results,
+        since a match knows only vertices.
     points : Landmarks
-        Semilandmarks on the reference, placed once, in units and place of its mesh; missing ones
-        stay missing.
+        Semilandmarks on the reference, in the units and the place of its mesh; missing ones stay
+        missing.
     reference : Mesh
         The reference's mesh as it was given.
     meshes : sequence of Mesh, optional
@@ -40,21 +40,20 @@ def carry_points(
     Returns
     -------
     list of Landmarks
-        One for each specimen, in units and place of its mesh, with the names of ``points``. All are
-        missing on a shape that was left out.
+        One for each specimen, in the units and the place of its mesh, with the names of ``points``.
+        All are missing on a shape that was left out.
 
     Raises
     ------
     CorrespondenceError
-        If points do not lie on the reference, or do not come to lie on a specimen's own mesh; the
+        If points do not lie on the reference, or do not end up on a specimen's own mesh; the
         message says what may be wrong.
     MeshError
-        If the reference is another mesh than the one that was laid on or matched to, or does not
-        fit a shape.
+        If the reference is not the mesh that was laid on or matched to, or does not fit a shape.
 
     See Also
     --------
-    slide : Take out where along the surface they happened to be put.
+    slide : Remove the arbitrary position of points along the surface.
 
     Examples
     --------

@@ -1,4 +1,4 @@
-"""What a mean error hides: predictions nearer to the mean than specimens are."""
+"""What a mean error hides: predictions that are closer to the mean than specimens are."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -29,21 +29,20 @@ class Shrinkage:
     Attributes
     ----------
     variance_ratio : float
-        Variance of the predicted landmarks over that of the true ones, summed over landmarks: 1
-        where they vary as much, below where predictions shrink to the mean, above where their
-        errors add more than they lose. The observer's noise is in the true ones and lowers it; see
-        `observer_error`.
+        Variance of the predicted landmarks divided by that of the true ones, summed over landmarks:
+        1 if both vary equally, less if predictions shrink towards the mean, more if their errors
+        add more variance than they lose. The observer's error is part of the true landmarks and
+        lowers the ratio; see `observer_error`.
     per_landmark : ndarray of shape (n_landmarks,)
-        The same for each landmark; NaN where fewer than three specimens have it, or it does not
-        vary.
+        The same for each landmark; NaN if fewer than three specimens have it, or it does not vary.
     size_slope : float
-        Slope of the predicted centroid size on the true one, by least squares: 1 where large
-        specimens are predicted as large as they are. Errors of predictions do not move it.
-        NaN if fewer than three specimens have all landmarks, or all are of one size.
+        Slope of the predicted centroid size on the true one, by least squares: 1 if large specimens
+        are predicted to be as large as they are. Random errors of predictions do not change it.
+        NaN if fewer than three specimens have all landmarks, or all have the same size.
     names : tuple of str
-        Of the landmarks.
+        Names of the landmarks.
     n_specimens : int
-        How many were compared.
+        Number of specimens that were compared.
     """
 
     variance_ratio: float
@@ -67,19 +66,19 @@ class Shrinkage:
 
 
 def shrinkage(predicted: Sequence[Landmarks], true: Sequence[Landmarks]) -> Shrinkage:
-    """Compare how predicted and true landmarks vary from specimen to specimen.
+    """Compare how much predicted and true landmarks vary from specimen to specimen.
 
-    Each set is turned and shifted onto its own mean in its own size, as a shape analysis would do
-    with it, so that specimens may lie anywhere; then variances about the means are compared.
+    Each set is rotated and translated onto its own mean in its own size, as a shape analysis would
+    do, so specimens may lie anywhere; then variances about the means are compared.
 
     Parameters
     ----------
     predicted : sequence of Landmarks
-        One for each specimen, as of `skfmap.predict_landmarks`, of specimens that were not learned
-        from.
+        One for each specimen, as `skfmap.predict_landmarks` returns them, of specimens that were
+        not used for training.
     true : sequence of Landmarks
-        Of the same specimens in the same order. A landmark that is missing in one of the two counts
-        in neither.
+        Of the same specimens, in the same order. A landmark that is missing in one of the two is
+        ignored in both.
 
     Returns
     -------
@@ -89,7 +88,7 @@ def shrinkage(predicted: Sequence[Landmarks], true: Sequence[Landmarks]) -> Shri
     Raises
     ------
     CorrespondenceError
-        If the specimens are not the same, or no landmarks have one name.
+        If the specimens are not the same, or no landmarks have the same name.
     ValueError
         If there are fewer than three specimens.
 

@@ -1,4 +1,4 @@
-"""Semilandmarks that slide along surfaces and curves until a thin plate is bent least."""
+"""Semilandmarks that slide along surfaces and curves to minimise bending energy."""
 
 from collections.abc import Callable, Sequence
 from typing import NamedTuple
@@ -36,10 +36,10 @@ def slide(
 ) -> list[Landmarks]:
     """Slide semilandmarks along surfaces and curves to where they bend the reference least.
 
-    Where on a surface a semilandmark was put means nothing; only the surface does. Each is moved in
-    its tangent plane, or along its curve, so that the thin-plate spline from the reference has the
-    least bending energy (Bookstein 1997, Gunz et al. 2005), and put back onto the surface or the
-    curve. Landmarks that are named nowhere are fixed.
+    The position of a semilandmark along the surface carries no information; only the surface does.
+    Each is moved in its tangent plane, or along its curve, so that the thin-plate spline from the
+    reference has the least bending energy (Bookstein 1997, Gunz et al. 2005), and then put back
+    onto the surface or the curve. Landmarks in neither ``surfaces`` nor ``curves`` are fixed.
 
     Parameters
     ----------
@@ -51,33 +51,33 @@ def slide(
         Names of the semilandmarks that slide on the surface.
     curves : sequence of sequence of str, default=()
         Names of the points of each curve, in order. Those between the first and the last slide
-        along the line through the points as they are given; the first stands at the end again if
-        the curve is closed.
+        along the polyline through the given points; if the curve is closed, repeat the first name
+        at the end.
     reference : Landmarks, optional
         Configuration that is bent, with all names; by default the mean of the specimens, aligned
-        and brought to one size, and taken again in each round.
+        and scaled to one size, and computed again in each round.
     n_rounds : int, default=5
         How often points are moved and put back.
 
     Returns
     -------
     list of Landmarks
-        In units and place of each specimen. Fixed landmarks stay where they are.
+        In the units and the place of each specimen. Fixed landmarks stay where they are.
 
     Raises
     ------
     CorrespondenceError
-        If a name is unknown, slides in two ways, a point that slides is missing, or landmarks do
-        not lie on the mesh that is given for them.
+        If a name is unknown or slides in two ways, if a sliding point is missing, or if landmarks
+        do not lie on the mesh given for them.
     ValueError
         If points of the surface are to slide without meshes.
 
     Notes
     -----
-    In each round the energy of a specimen, measured against that round's reference, falls or stays.
-    A similarity of a specimen turns, shifts and scales what comes out, no more. Semilandmarks need
-    fixed landmarks around them: four that are not in one plane, or else all may move by an affine
-    map that costs nothing.
+    In each round the energy of a specimen, measured against that round's reference, does not
+    increase. If a specimen is rotated, translated or scaled, so is the result. Semilandmarks need
+    fixed landmarks around them, at least four that are not in one plane; otherwise all of them may
+    move by an affine map, which costs nothing.
 
     References
     ----------

@@ -26,12 +26,12 @@ class Pairing:
     Parameters
     ----------
     names : sequence of str
-        Of the landmarks, in the order of the columns of `stack_landmarks`.
+        Names of the landmarks, in the order of the columns of `stack_landmarks`.
     pairs : sequence of (str, str)
         Names of left and right landmarks that mirror each other.
     midline : sequence of str, default=()
-        Names of those on the midline, each its own mirror image. Every landmark is in a pair or on
-        the midline.
+        Names of those on the midline, each its own mirror image. Every landmark must be in a pair
+        or on the midline.
 
     Attributes
     ----------
@@ -41,7 +41,7 @@ class Pairing:
     Raises
     ------
     CorrespondenceError
-        If a landmark stands nowhere or twice, or is none of ``names``.
+        If a landmark is missing or appears twice, or is not one of ``names``.
 
     Examples
     --------
@@ -89,7 +89,7 @@ class Pairing:
 
 
 def propose_pairing(names: Sequence[str]) -> Pairing:
-    """Return the pairing that names suggest; look at it before you use it.
+    """Return the pairing that names suggest; check it before you use it.
 
     Two landmarks are a pair if their names differ by left and right, or L and R, at the beginning
     or at the end: ``ear_L`` and ``ear_R``, ``left1`` and ``right1``. All others are taken to lie on
@@ -108,7 +108,7 @@ def propose_pairing(names: Sequence[str]) -> Pairing:
     Raises
     ------
     CorrespondenceError
-        If no name has a partner, one says a side but has none, or one has two.
+        If no name has a partner, or if one that says a side has no partner, or two.
 
     Examples
     --------
@@ -139,10 +139,10 @@ def propose_pairing(names: Sequence[str]) -> Pairing:
 
 
 def symmetric_component(array: npt.ArrayLike, pairing: Pairing) -> FloatArray:
-    r"""Return the symmetric part of each specimen (object symmetry, Klingenberg et al. 2002).
+    r"""Return the symmetric component of each specimen (object symmetry, Klingenberg et al. 2002).
 
-    Each specimen is reflected, its paired landmarks exchange their names, the image is laid back
-    onto the specimen by least squares, and the two are averaged.
+    Each specimen is reflected, its paired landmarks exchange their names, the image is fitted to
+    the specimen by least squares, and the two are averaged.
 
     Parameters
     ----------
@@ -154,20 +154,20 @@ def symmetric_component(array: npt.ArrayLike, pairing: Pairing) -> FloatArray:
     Returns
     -------
     ndarray of shape (n_specimens, n_landmarks, 3)
-        Landmarks in the place and the units of each specimen, its size kept: symmetric about one
-        plane. NaN where a landmark or its partner is missing.
+        Landmarks in the place, units and size of each specimen, symmetric about one plane. NaN
+        where a landmark or its partner is missing.
 
     See Also
     --------
-    align_landmarks : Turn specimens onto each other first to compare their components.
+    align_landmarks : Align specimens first to compare their components.
 
     Notes
     -----
-    With the centroid in the origin, let :math:`X` be the landmarks as rows, and :math:`P` the
-    exchange. Of all planes the image in the one with normal :math:`n` lies nearest to the specimen
-    where :math:`n` is the eigenvector of the smallest eigenvalue of :math:`X^T P X`. Because
-    :math:`P` undoes itself, the average is exactly symmetric about that plane, and the
-    asymmetric component is what is left.
+    With the centroid at the origin, let the rows of :math:`X` be the landmarks, and :math:`P` the
+    exchange of names. Of all planes, the image in the one with normal :math:`n` is closest to the
+    specimen if :math:`n` is the eigenvector of the smallest eigenvalue of :math:`X^T P X`. Because
+    :math:`P` is its own inverse, the average is exactly symmetric about that plane; the asymmetric
+    component is the remainder.
 
     References
     ----------
@@ -197,7 +197,7 @@ def symmetric_component(array: npt.ArrayLike, pairing: Pairing) -> FloatArray:
 
 
 def asymmetric_component(array: npt.ArrayLike, pairing: Pairing) -> FloatArray:
-    """Return how far each landmark is from the symmetric part of its specimen.
+    """Return how far each landmark is from the symmetric component of its specimen.
 
     Parameters
     ----------
@@ -209,10 +209,9 @@ def asymmetric_component(array: npt.ArrayLike, pairing: Pairing) -> FloatArray:
     Returns
     -------
     ndarray of shape (n_specimens, n_landmarks, 3)
-        Displacements, which with `symmetric_component` add up to the specimen. Mirrored
-        displacements of a pair are opposite. Their mean over specimens that are aligned is
-        directional asymmetry; what is left of each is its fluctuating asymmetry and the error of
-        measurement.
+        Displacements that, added to `symmetric_component`, give the specimen. Mirrored
+        displacements of a pair are opposite. Their mean over aligned specimens is directional
+        asymmetry; the remainder of each is fluctuating asymmetry and measurement error.
 
     Examples
     --------

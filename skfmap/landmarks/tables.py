@@ -27,7 +27,7 @@ _UNKNOWN = "NA"
 
 
 def landmark_names(landmarks: Sequence[Landmarks]) -> tuple[str, ...]:
-    """Return the names of all landmarks: those of the first specimen, then what others add.
+    """Return the names of all landmarks: those of the first specimen, then those others add.
 
     Parameters
     ----------
@@ -54,7 +54,7 @@ def stack_landmarks(
 ) -> FloatArray:
     """Return the landmarks of specimens as one array, joined by name.
 
-    Nothing is moved, turned or scaled: coordinates are those of each specimen's own mesh.
+    Nothing is moved, rotated or scaled: coordinates are those of each specimen's own mesh.
 
     Parameters
     ----------
@@ -72,7 +72,7 @@ def stack_landmarks(
     Raises
     ------
     CorrespondenceError
-        If no specimen has a landmark that was asked for.
+        If no specimen has a requested landmark.
 
     Examples
     --------
@@ -100,7 +100,7 @@ def stack_landmarks(
 
 
 def centroid_sizes(array: npt.ArrayLike) -> FloatArray:
-    """Return the centroid size of each specimen, as shape analysis has it.
+    """Return the centroid size of each specimen, as defined in shape analysis.
 
     Parameters
     ----------
@@ -111,7 +111,7 @@ def centroid_sizes(array: npt.ArrayLike) -> FloatArray:
     -------
     ndarray of shape (n_specimens,)
         Root of the sum of squared distances of the landmarks from their centroid, in units of the
-        meshes; NaN where a landmark is missing, as the size of fewer landmarks is another one.
+        meshes; NaN if a landmark is missing, since sizes of fewer landmarks are not comparable.
 
     Examples
     --------
@@ -131,34 +131,34 @@ def write_table(
     layout: str = "wide",
     overwrite: bool = False,
 ) -> None:
-    """Write the landmarks of specimens to a table, in units of the meshes, size kept.
+    """Write the landmarks of specimens to a table, unscaled, in units of the meshes.
 
     Parameters
     ----------
     landmarks : sequence of Landmarks
         One for each specimen.
     path : str or Path
-        File to write. ``.csv`` is read by pandas and by R; what is missing is ``NA``. ``.npz`` has
+        File to write. ``.csv`` is read by pandas and by R; missing values are ``NA``. ``.npz`` has
         the arrays ``points`` of shape (n_specimens, n_landmarks, 3), ``centroid_size``,
         ``specimens`` and ``landmarks``.
     layout : {"wide", "long"}, default="wide"
-        Of a ``.csv``. ``"wide"`` has a row for each specimen: ``specimen``, ``centroid_size``, and
+        For ``.csv``. ``"wide"`` has a row for each specimen: ``specimen``, ``centroid_size``, and
         ``NAME_x``, ``NAME_y``, ``NAME_z`` for each landmark. ``"long"`` has a row for each landmark
         of each specimen: ``specimen``, ``landmark``, ``x``, ``y``, ``z``, ``expected_error`` and
-        ``radius``, the last two of landmarks that were predicted.
+        ``radius``, the last two for predicted landmarks only.
     overwrite : bool, default=False
-        Whether a file that exists is replaced.
+        Whether an existing file is replaced.
 
     Raises
     ------
     FileExistsError
-        If the file exists and is not to be replaced.
+        If the file exists and ``overwrite`` is False.
     ValueError
-        If the suffix is another one.
+        If the file has another suffix.
 
     Notes
     -----
-    In R, with the geomorph package, whose arrays Morpho takes as well::
+    In R, with the geomorph package, whose arrays Morpho accepts too::
 
         table <- read.csv("landmarks.csv")
         points <- arrayspecs(table[, -(1:2)], p = (ncol(table) - 2) / 3, k = 3)

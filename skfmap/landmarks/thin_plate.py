@@ -1,4 +1,4 @@
-"""How much a thin plate is bent: the energy that sliding takes out."""
+"""How much a thin plate is bent: the energy that sliding minimises."""
 
 import numpy as np
 import numpy.typing as npt
@@ -17,26 +17,26 @@ _SAME = 1e-9
 def bending_matrix(reference: FloatArray) -> FloatArray:
     r"""Return the bending-energy matrix of a reference configuration.
 
-    The thin-plate spline in space interpolates with the kernel :math:`-\|r\|`, and bends least of
-    all maps that take the reference to given points (Bookstein 1989).
+    The thin-plate spline in space interpolates with the kernel :math:`-\|r\|`, and has the least
+    bending energy of all maps that take the reference to given points (Bookstein 1989).
 
     Parameters
     ----------
     reference : ndarray of shape (n_landmarks, 3)
-        Different points. Points in one plane are taken as they are: what moves them
-        out of it by an affine map costs nothing.
+        Distinct points. They may lie in one plane; an affine map that moves them out of it costs
+        nothing.
 
     Returns
     -------
     ndarray of shape (n_landmarks, n_landmarks)
         Symmetric :math:`L`, positive semi-definite, in units of one over the reference's length:
         the energy of a map to points :math:`Y`, as rows, is :math:`\mathrm{tr}(Y^T L Y)`. It
-        vanishes for affine maps of the reference, and for these alone.
+        vanishes for affine maps of the reference, and only for these.
 
     Raises
     ------
     ValueError
-        If two points are one.
+        If two points coincide.
 
     Examples
     --------

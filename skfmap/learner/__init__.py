@@ -4,7 +4,13 @@ from skfmap.learner.bridged import BridgedLearner
 from skfmap.learner.confidence import Confidence, CrossFitConfidence, Trust
 from skfmap.learner.estimator import WeightedFunctionalMapLearner
 from skfmap.learner.matcher import Matcher
-from skfmap.learner.models import functional_maps, match, predict_landmarks, register
+from skfmap.learner.models import (
+    functional_maps,
+    match,
+    match_between,
+    predict_landmarks,
+    register,
+)
 from skfmap.learner.training_set import LearningOptions, TrainingSet
 
 __all__ = [
@@ -18,6 +24,7 @@ __all__ = [
     "WeightedFunctionalMapLearner",
     "functional_maps",
     "match",
+    "match_between",
     "predict_landmarks",
     "register",
 ]

@@ -1,6 +1,6 @@
 """Matches through a training shape that is near, whose way to the reference is known."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from functools import partial
 from typing import Any, Self
@@ -226,6 +226,27 @@ class BridgedLearner(Versioned, BaseEstimator):
             usable,
             lambda one: no_match(one, matcher, assessed=self.confidence_ is not None),
         )
+
+    def match_between(
+        self, X: Sequence[ProbedItem], pairs: Iterable[tuple[int, int]] | None = None
+    ) -> list[Match]:
+        """Match shapes to one another, in what they have in common with the bridge.
+
+        The way from the bridge to the reference plays no part in it.
+
+        Parameters
+        ----------
+        X, pairs : optional
+            As in `WeightedFunctionalMapLearner.match_between`.
+
+        Returns
+        -------
+        list of Match
+            One for each pair.
+        """
+        check_is_fitted(self)
+        learner = self.estimator_ if self.bridge_ is None else self.bridge_
+        return learner.match_between(X, pairs)
 
     def point_maps(self, X: Sequence[ProbedItem], **how: Any) -> list[IntArray]:
         """Return point maps alone; parameters as in `WeightedFunctionalMapLearner.point_maps`.

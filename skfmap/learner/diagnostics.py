@@ -113,7 +113,7 @@ def diagnose_new_shapes(
         if known is False and misfit is None and not image
     ]
     ill_laid = [
-        f"{who} ({_told(*misfit)})"
+        f"{who} ({_told(*misfit[:3])})"
         for who, image, misfit in zip(called, mirrored, misfits, strict=True)
         if misfit is not None and not image
     ]

@@ -1,6 +1,6 @@
 """Learn which probe functions to trust, and which functions map stably."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
 from functools import partial
 from typing import Any, Literal, Self
@@ -42,6 +42,7 @@ from skfmap.functional.stable_basis import missed_by_maps
 from skfmap.ground_truth import join_with_reference, known_maps, warn_of_coverage
 from skfmap.known_maps import KnownMaps, KnownMapsRecord
 from skfmap.learner.about_meshes import with_meshes
+from skfmap.learner.between import check_wanted, match_pairs, matched_once, only_wanted
 from skfmap.learner.confidence import Confidence
 from skfmap.learner.diagnostics import (
     Finding,
@@ -96,102 +97,106 @@ class WeightedFunctionalMapLearner(CallbackSupportMixin, Versioned, BaseEstimato
     .. math:: X_i(D) = \arg\min_C \|(C G_0 - G_i) D\|_F^2 + \alpha \|C \odot W\|_F^2
 
     and D minimises the sum over training shapes of :math:`\|X_i(D) - C_i\|_\epsilon` (equations 3
-    and 4). Under W * W stands a floor of 1e-5 (``DIAGONAL_FLOOR`` of
-    `skfmap.functional.penalty_of`), so that the minimum is unique also where the spectra agree and
-    no weighted probe sees a function. Two maps, opposite ways: the functional map pulls functions
-    on the reference S_0 back to S_i; the point map sends points of S_i to S_0.
+    and 4). The entries of W * W are at least 1e-5 (``DIAGONAL_FLOOR`` of
+    `skfmap.functional.penalty_of`), so that the minimum is unique even where the spectra agree and
+    no weighted probe sees a function. The two maps go in opposite directions: the functional map
+    pulls functions on the reference S_0 back to S_i; the point map sends points of S_i to S_0.
+
+    The parameters come in four groups. Learning: `n_functions` to `tol`. Matching new shapes:
+    `n_stable` to `on_mirrored`. Confidence: `confidence`. Running: `on_invalid` to `verbose`. Start
+    with the defaults; `n_functions`, `refine` and `confidence` are the ones most often changed.
 
     Parameters
     ----------
     n_functions : int, default=50
-        k: how many of each shape's first eigenfunctions are used.
+        The number k of eigenfunctions that are used on each shape, starting with the smoothest.
     weighting : {"function", "category", "unique"}, sequence, callable or None, default="function"
-        One weight per probe, per family, for all, or none (D = I, the naive baseline; Y is learned
-        all the same). A sequence holds a label for each probe, and those of one label share a
-        weight; a callable returns it for the names and the categories of the probes, ``(names,
-        categories) -> labels``.
+        One weight per probe, one per family, one for all, or none (D = I, the naive baseline; Y is
+        learned all the same). A sequence holds a label for each probe, and probes with the same
+        label share a weight; a callable returns these labels for the names and the categories of
+        the probes, ``(names, categories) -> labels``.
     epsilon : float or "auto", default="auto"
-        Of the norm (4). ``"auto"`` is the 80 percent rule of section 3.2. The loss depends on
-        epsilon, so it says nothing about which epsilon is better: use a score.
+        The epsilon of the norm (4). ``"auto"`` is the 80 percent rule of section 3.2. The loss
+        depends on epsilon, so it does not tell which epsilon is better: use a score.
     alpha : float, default=0.01
-        Strength of the regulariser, for probes of norm 1 / sqrt(m). Beside learned weights it only
-        sets the start and the automatic epsilon; for ``weighting=None`` it is worth a search.
+        Strength of the regulariser, for probes of norm 1 / sqrt(m). With learned weights it only
+        affects the start and the automatic epsilon; with ``weighting=None`` it is worth a search.
     regularizer : {"laplacian", "resolvent", "learned"} or callable, default="laplacian"
         Deformation model: ``(evals_i, evals_0) -> W`` of shape (k, k). ``"laplacian"`` is the
-        paper's, ``"resolvent"`` is bounded (Ren et al. 2019), ``"learned"`` expects of each entry
-        what the known maps of the training shapes have there.
+        paper's, ``"resolvent"`` is bounded (Ren et al. 2019), and ``"learned"`` expects each entry
+        to be as large as in the known maps of the training shapes.
     normalize : {"shape", "reference"}, default="shape"
         Whether probe columns are scaled by each shape's own norms (section 2.1) or by those of the
         reference.
-    n_stable : int, float in (0, 1], or None
-        p: how many stable functions the reduced map keeps, or their share of k; None is k // 2.
-    matching : {"soft", "cut"}, default="soft"
-        Points are matched in all stable functions, each weighted by how far it puts the points of
-        the training shapes from where they belong, or in the first p alone.
-    refine : {"auto", "bijective-zoomout", "register", "icp", "zoomout"}, Refinement or None
-        How point maps are refined: a word, or the object that it stands for (`skfmap.refinement`),
-        whose parameters can then be searched as ``refine__step``. ``"auto"``, the default, is
-        ``"register"`` where the correspondence of the reference holds measured points
-        (`Correspondence.from_points`), else ``"bijective-zoomout"``. ``"bijective-zoomout"`` is the
-        best of those that work on maps alone: maps of growing size, up to all eigenfunctions that
-        `SpectralBasis` holds, each fitted to the point maps of both directions, with functions
-        weighted by what the training shapes showed; errors are about half of those without.
-        ``"zoomout"`` (Melzi et al. 2019) and ``"icp"`` (Ovsjanikov et al. 2012) are as published.
-        ``"register"`` (`skfmap.registration.Registration`) goes on in space, and lays the
-        reference's mesh onto each shape: errors fall by another tenth to a quarter, and a match
-        takes about a second more. None: not at all.
-    confidence : {"cross-fit"}, Confidence or None, default="cross-fit"
-        How errors to expect are found: ``"cross-fit"`` is `CrossFitConfidence`, which learns again
-        for each of three folds. None: not at all; a fit then takes a third of the time, with
-        refinement a tenth, for
-        searches that only compare scores. Matches have no ``expected_error`` and ``confidence``
-        (None) then, landmarks no ``expected_error``, ``radius`` and learned offset, and nothing
-        warns of contradicting correspondences. Of unfamiliar shapes nothing warns but
-        ``refine="register"``; without that ``familiar`` is None.
     known_maps : {"auto", "pairs", "from-landmarks", "in-space"}, KnownMaps or None, default="auto"
-        Where the known maps of training shapes come from. ``"pairs"``, or None: from the pairs as
-        they are given, of which there must be at least ``n_functions``. ``"from-landmarks"``: for
-        shapes that share fewer than twice as many with the reference, but 8 landmarks or more,
-        dense maps are built (`skfmap.known_maps.FromLandmarks`). ``"in-space"``: likewise, for
-        stiff kinds (`skfmap.known_maps.InSpace`). ``"auto"`` decides by what is given, and says
-        what it did in ``known_maps_``.
+        Where the known maps of training shapes come from. ``"pairs"``, or None: from the given
+        pairs, of which there must be at least ``n_functions``. ``"from-landmarks"``: dense maps are
+        built for shapes that share fewer than twice as many pairs with the reference, but at least
+        8 landmarks (`skfmap.known_maps.FromLandmarks`). ``"in-space"``: likewise, for rigid kinds
+        of shapes (`skfmap.known_maps.InSpace`). ``"auto"`` decides by what is given, and
+        ``known_maps_`` says what was done.
     reference : str, default="first"
         ``"first"``: the first training shape. ``"medoid"``: the training shape whose geodesic
-        distances differ least from all others'. Else the name of a training shape.
+        distances differ least from those of all others. Otherwise the name of a training shape.
+    max_iter : int, default=1000
+        Maximum number of L-BFGS iterations.
+    tol : float, default=1e-4
+        The search has converged when no derivative of the mean loss per singular value, with
+        respect to a log-weight, is larger than this.
+    n_stable : int, float in (0, 1], or None
+        The number p of stable functions that the reduced map keeps, or their share of k; None is
+        k // 2.
+    matching : {"soft", "cut"}, default="soft"
+        ``"soft"`` matches points in all stable functions, each weighted by how accurately it puts
+        the points of the training shapes where they belong; ``"cut"`` in the first p alone.
+    refine : {"auto", "bijective-zoomout", "register", "icp", "zoomout"}, Refinement or None
+        How point maps are refined: a word, or the object that it stands for (`skfmap.refinement`),
+        whose parameters can then be searched, as ``refine__step``. The default, ``"auto"``, is
+        ``"register"`` if the correspondence of the reference holds measured points
+        (`Correspondence.from_points`), and otherwise ``"bijective-zoomout"``. The latter is the
+        best of those that work on maps alone: it fits maps of growing size, up to all
+        eigenfunctions that `SpectralBasis` holds, to the point maps in both directions, with
+        functions weighted by what the training shapes showed; it about halves the errors.
+        ``"zoomout"`` (Melzi et al. 2019) and ``"icp"`` (Ovsjanikov et al. 2012) are as published.
+        ``"register"`` (`skfmap.registration.Registration`) continues in space, and lays the
+        reference's mesh onto each shape: errors fall by another tenth to a quarter, and a match
+        takes about a second more. None switches refinement off.
+    on_mirrored : {"warn", "reflect"}, default="warn"
+        What to do with shapes that are mirror images of the kind that the reference belongs to,
+        such as a right femur among left ones. Training shapes are recognised by their
+        correspondences, new ones if equation (2) fits their image much better. ``"reflect"`` learns
+        from and matches their images, and says which they are; answers are on the meshes as given.
+        It needs oriented probes, or training shapes so rigid that a similarity explains their
+        correspondences. A body that is its own mirror image stays as it is.
+    confidence : {"cross-fit"}, Confidence or None, default="cross-fit"
+        How expected errors are found: ``"cross-fit"`` is `CrossFitConfidence`, which learns again
+        for each of three folds. None leaves them out, for searches that only compare scores: a fit
+        then takes a third of the time, or a tenth with refinement. ``expected_error`` and
+        ``confidence`` of matches are then None, landmarks have no ``expected_error``, ``radius``
+        and learned offset, and nothing warns of contradictory correspondences. Only
+        ``refine="register"`` then warns of unfamiliar shapes; without it ``familiar`` is None.
     on_invalid : {"raise", "skip"}, default="raise"
         What to do with a training shape whose correspondence cannot be used: out of range, empty,
         without a point of the reference, or with too few points. ``"skip"`` leaves it out with a
-        warning; the reference's always raises. Shapes that the steps before skipped are left out in
-        any case.
-    on_mirrored : {"warn", "reflect"}, default="warn"
-        What to do with shapes that are mirror images of what the reference is, as a right femur
-        among left ones: training shapes by their correspondences, new ones where equation (2) fits
-        the image much better. ``"reflect"`` learns from and matches their images, and says which
-        they are; answers are on the meshes as given. It needs oriented probes, or training shapes
-        so stiff that a similarity explains their correspondences. A body that is its own mirror
-        image stays as it is.
-    max_iter : int, default=1000
-        Most iterations of L-BFGS.
-    tol : float, default=1e-4
-        Largest derivative of the mean singular value's loss in a log-weight at which the search has
-        converged.
+        warning; for the reference, an error is always raised. Shapes that the steps before skipped
+        are left out in any case.
     memory : str or joblib.Memory, optional
         Where ground-truth maps and geodesic distances are cached, so that the fits and scores of a
         search share them.
     n_jobs : int, optional
-        Shapes at a time; see joblib. The result is the same for every value.
+        Number of shapes processed in parallel; see joblib. It does not change the result.
     verbose : int, default=0
-        1 tells each stage and every tenth iteration.
+        With 1, each stage and every tenth iteration is reported.
 
     Attributes
     ----------
     weights_ : ndarray of shape (m,)
         Diagonal of D, positive.
     stable_basis_ : ndarray of shape (k, k)
-        Y: coefficients of functions on the reference, most stable first. The constant function maps
-        exactly.
+        Y: coefficients of functions on the reference, most stable first. The constant function is
+        mapped exactly.
     stability_ : ndarray of shape (k,)
-        Singular values that go with Y, ascending.
+        Singular values that belong to Y, ascending.
     epsilon_ : float
         The epsilon used.
     loss_, loss_curve_, n_iter_ : float, list of float, int
@@ -200,9 +205,9 @@ class WeightedFunctionalMapLearner(CallbackSupportMixin, Versioned, BaseEstimato
     converged_ : bool
         Whether the search for weights converged.
     n_training_shapes_ : int
-        Number of shapes learned from, without the reference and those of sample weight 0.
+        Number of shapes learned from, without the reference and those with sample weight 0.
     n_stable_ : int
-        p.
+        The number p of stable functions that the reduced map keeps.
     reference_, reference_index_ : ProbedShape, int
         The reference, and its index in the training data.
     reference_correspondence_ : Correspondence
@@ -210,25 +215,25 @@ class WeightedFunctionalMapLearner(CallbackSupportMixin, Versioned, BaseEstimato
     probe_names_, probe_categories_ : ndarray of str, shape (m,)
         What each weight belongs to.
     residual_covariance_ : ndarray of shape (k, k)
-        How far learned maps put the points of the training shapes from where they belong: what
-        ``matching="soft"`` weighs functions by.
+        How far learned maps put the points of the training shapes from where they belong;
+        ``matching="soft"`` weights functions by it.
     truncation_covariance_ : ndarray of shape (n_components, n_components)
-        The same for the known maps in all functions held, which err by their cut alone: what
-        refinement goes by.
+        The same for the known maps in all functions of the basis, whose errors come from truncation
+        alone; refinement weights functions by it.
     matcher_ : Matcher
-        What matching a new shape needs, from which the above is read.
+        What matching a new shape needs; the attributes above are read from it.
     refine_, confidence_ : Refinement or None, Confidence or None
         The fitted parts.
     known_maps_ : KnownMapsRecord
-        How the known maps came about: kind, landmarks and pairs of each training shape, and how far
+        How the known maps were made: kind, landmarks and pairs of each training shape, and how far
         from its place each landmark is put by the map that is built without it. None in models that
-        were saved before that was remembered.
+        were saved before this was recorded.
     landmarks_ : LandmarkModel or None
-        Where measured points of the training shapes are, for `predict_landmarks`; None if the
+        Where the measured points of the training shapes are, for `predict_landmarks`; None if the
         reference has none.
     error_models_, misfits_, training_errors_ : dict, ndarray, ndarray
-        Of `CrossFitConfidence`, which says what they are; they do not exist if ``confidence`` is
-        another.
+        Attributes of `CrossFitConfidence`, which describes them; they do not exist for any other
+        ``confidence``.
 
     See Also
     --------
@@ -299,16 +304,16 @@ class WeightedFunctionalMapLearner(CallbackSupportMixin, Versioned, BaseEstimato
         alpha: float = 0.01,
         regularizer: RegularizerWord | Regularizer = "laplacian",
         normalize: Normalize = "shape",
+        known_maps: KnownMapsWord | KnownMaps | None = "auto",
+        reference: str = "first",
+        max_iter: int = 1000,
+        tol: float = 1e-4,
         n_stable: float | None = None,
         matching: Matching = "soft",
         refine: RefineWord | Refinement | None = "auto",
-        confidence: Confidences | Confidence | None = "cross-fit",
-        known_maps: KnownMapsWord | KnownMaps | None = "auto",
-        reference: str = "first",
-        on_invalid: RaiseOrSkip = "raise",
         on_mirrored: OnMirrored = "warn",
-        max_iter: int = 1000,
-        tol: float = 1e-4,
+        confidence: Confidences | Confidence | None = "cross-fit",
+        on_invalid: RaiseOrSkip = "raise",
         memory: MemoryLike = None,
         n_jobs: int | None = None,
         verbose: int = 0,
@@ -349,7 +354,7 @@ class WeightedFunctionalMapLearner(CallbackSupportMixin, Versioned, BaseEstimato
         y : sequence of Correspondence or of int arrays of shape (n_pairs, 2)
             Where each shape lies on the template: rows ``[vertex, template point]``.
         sample_weight : array-like of shape (n_shapes,), optional
-            Share of each shape in the sum (3) and in Y; the reference's is not used.
+            How much each shape counts in the sum (3) and in Y; the reference's is not used.
 
         Returns
         -------
@@ -362,24 +367,24 @@ class WeightedFunctionalMapLearner(CallbackSupportMixin, Versioned, BaseEstimato
             If correspondences do not fit their shape, share no template point with the reference,
             or are too few for k.
         ValueError
-            If shapes do not fit each other or a parameter cannot be used.
+            If shapes are not consistent with each other, or a parameter cannot be used.
         TypeError
-            If ``X`` or ``y`` holds something else.
+            If ``X`` or ``y`` contains anything else.
 
         Warns
         -----
         CoverageWarning
             If correspondences determine only a part of a functional map.
         OrientationWarning
-            If the correspondence of a shape takes its left for right, as that of a mirrored mesh
+            If the correspondence of a shape confuses left and right, as that of a mirrored mesh
             does; or if shapes were reflected.
         ConvergenceWarning
             If the search stopped before it converged.
         StabilityWarning
-            If no function maps stably, or many weights are at the bounds of the search.
+            If no function is mapped stably, or many weights are at the bounds of the search.
         DisagreementWarning
             If the correspondence of a shape contradicts those of the others, or that of the
-            reference all.
+            reference contradicts all of them.
         SkippedShapeWarning
             If shapes were left out.
         """
@@ -437,7 +442,7 @@ class WeightedFunctionalMapLearner(CallbackSupportMixin, Versioned, BaseEstimato
         )
 
     def ground_truth_maps(self, X: Sequence[ProbedItem], y: Sequence[Answer]) -> FloatArray:
-        """Return the maps C_i that known correspondences make, to compare `functional_maps` with.
+        """Return the maps C_i given by known correspondences, to compare with `functional_maps`.
 
         Parameters
         ----------
@@ -503,13 +508,13 @@ class WeightedFunctionalMapLearner(CallbackSupportMixin, Versioned, BaseEstimato
         X : sequence of ProbedShape
             New shapes.
         refine : str, Refinement or None, default="fitted"
-            As the parameter of that name; ``"fitted"`` is what the model was fitted with, None not
-            at all. Errors are calibrated for these two; any other refinement is given the expected
-            errors of the match before it.
+            Like the parameter of that name; ``"fitted"`` is what the model was fitted with, and
+            None does not refine. Errors are calibrated for these two; with any other refinement,
+            you get the expected errors of the unrefined match.
         interpolate : {"barycentric", "soft"} or None, default=None
-            Whether `Match.matrix` holds one vertex of the reference for each of S_i, the nearest
-            point on the triangles around it, or several vertices weighted by their distance in the
-            embedding.
+            What a row of `Match.matrix` holds: one vertex of the reference (None), the nearest
+            point on the triangles around it, or several vertices, weighted by their distance in
+            the embedding.
 
         Returns
         -------
@@ -520,26 +525,74 @@ class WeightedFunctionalMapLearner(CallbackSupportMixin, Versioned, BaseEstimato
         Warns
         -----
         OrientationWarning
-            If a shape fits the reference much better as a mirror image, or was reflected for it. A
-            mirrored body that is its own mirror image cannot be told from a body, and is matched by
-            its own left and right.
+            If a shape fits the reference much better as a mirror image, or was reflected because of
+            it. If a body is its own mirror image, its mirrored mesh cannot be told from it, and is
+            matched by its own left and right.
         UnfamiliarShapeWarning
-            If a shape is not like the training shapes: another kind of body, another resolution.
+            If a shape is not like the training shapes: another kind of body, or another resolution.
             With ``"register"`` also if the reference does not fit it, as in `register`.
         """
         usable = self._usable(X)
         found = self._matched(usable.shapes, refine, interpolate)
-        mirrored, familiar, misfits = (
-            [is_mirrored(one.solution) for one in found],
-            [one.match.familiar for one in found],
-            [one.misfit for one in found],
-        )
-        report(diagnose_new_shapes(usable, mirrored, familiar, misfits))
+        self._report_found(usable, found)
         assessed = self.confidence_ is not None
         return put_back(
             with_meshes([one.match for one in found], usable.shapes, self.reference_),
             usable,
             lambda skipped: no_match(skipped, self.matcher_, assessed=assessed),
+        )
+
+    def match_between(
+        self, X: Sequence[ProbedItem], pairs: Iterable[tuple[int, int]] | None = None
+    ) -> list[Match]:
+        """Match shapes to one another, in what they have in common with the reference.
+
+        Each shape is matched to the reference once. Its pairs are then matched in the embedding
+        that all shapes share, refined by two steps of both directions; or, with
+        ``refine="register"``, through the reference's surface, which lies on each of them.
+
+        Parameters
+        ----------
+        X : sequence of ProbedShape
+            New shapes.
+        pairs : iterable of (int, int), optional
+            From which shape to which: indices (i, j) into ``X``. All pairs of different shapes, in
+            both directions, by default: (0, 1), (0, 2), ..., (1, 0), ...
+
+        Returns
+        -------
+        list of Match
+            One for each pair, whose reference is ``X[j]``: ``p2p`` sends vertices of ``X[i]`` to
+            vertices of ``X[j]``, ``functional_map`` pulls functions on ``X[j]`` back to ``X[i]``,
+            both k x k; ``reduced_map`` holds the images on ``X[i]`` of the p most stable functions
+            as they are on ``X[j]``. ``expected_error`` combines those of the two matches to the
+            reference, in units of sqrt(area) of ``X[j]``. Where either shape was left out, -1 and
+            NaN.
+
+        Raises
+        ------
+        TypeError, ValueError
+            If ``pairs`` does not hold pairs of indices into ``X``.
+
+        Warns
+        -----
+        OrientationWarning, UnfamiliarShapeWarning
+            As in `match`, of each shape once.
+
+        Notes
+        -----
+        The way back is that of the same search: ``p2p`` of (j, i) is ``inverse`` of (i, j). A shape
+        is kept by its points in the embedding, 5 MB for 5,000 vertices and 120 functions, beside
+        the answers; ask for some of the pairs at a time where there are many.
+        """
+        usable = self._usable(X)
+        wanted = check_wanted(pairs, len(usable.shapes) + len(usable.skipped))
+        usable = only_wanted(usable, wanted)
+        matched = matched_once(self.matcher_, self.confidence_, usable.shapes, self.n_jobs)
+        self._report_found(usable, [one.found for one in matched])
+        by_index = dict(zip(usable.indices, matched, strict=True))
+        return match_pairs(
+            self.matcher_, self.confidence_, by_index, usable.skipped, wanted, self.n_jobs
         )
 
     def register(self, X: Sequence[ProbedItem]) -> list[Registered]:
@@ -553,12 +606,12 @@ class WeightedFunctionalMapLearner(CallbackSupportMixin, Versioned, BaseEstimato
         Returns
         -------
         list of Registered
-            Vertices of the reference's mesh as it was given, on each shape as it was given.
+            The vertices of the given mesh of the reference, on the given mesh of each shape.
 
         Raises
         ------
         ValueError
-            If the learner was fitted with another refinement than ``"register"``.
+            If the learner was fitted with a refinement other than ``"register"``.
 
         Warns
         -----
@@ -585,26 +638,26 @@ class WeightedFunctionalMapLearner(CallbackSupportMixin, Versioned, BaseEstimato
     def predict_landmarks(
         self, X: Sequence[ProbedItem], *, coverage: float = 0.9, on_surface: bool = False
     ) -> list[Landmarks]:
-        """Measure new shapes: put the landmarks that training shapes were measured at on them.
+        """Place the landmarks of the training shapes on new shapes.
 
         Parameters
         ----------
         X : sequence of ProbedShape
             New shapes.
         coverage : float, default=0.9
-            Share of the observer's points that `Landmarks.radius` is to hold.
+            Share of the observer's points that balls of `Landmarks.radius` should contain.
         on_surface : bool, default=False
             Whether all points are put onto the surface. By default they lie off it as far as those
-            of the training shapes do in the mean: the observer's habit, or another threshold of the
-            scan.
+            of the training shapes do on average, because of the observer's habit or of another
+            threshold of the scan.
 
         Returns
         -------
         list of Landmarks
-            In the units and the place of each mesh. There are no expected errors where the learner
-            was fitted with ``confidence=None``, or the shape is not like the training shapes; and
-            no radii where fewer training shapes were left out than it takes to promise the
-            coverage, nine for 0.9.
+            In the units and the place of each mesh. There are no expected errors if the learner was
+            fitted with ``confidence=None``, or if the shape is not like the training shapes. There
+            are no radii if too few training shapes were left out to guarantee the coverage; 0.9
+            takes nine.
 
         Raises
         ------
@@ -615,20 +668,20 @@ class WeightedFunctionalMapLearner(CallbackSupportMixin, Versioned, BaseEstimato
         Warns
         -----
         OrientationWarning
-            If a shape fits much better once mirrored; with ``on_mirrored="reflect"`` its image is
-            measured.
+            If a shape fits much better once mirrored; with ``on_mirrored="reflect"`` the landmarks
+            are placed on its image.
         UnfamiliarShapeWarning
             If a shape is not like the training shapes.
 
         Notes
         -----
-        Expected errors and radii come from distances on whole training shapes that were left out of
-        the learning and of the mean that answers are moved by, pooled over landmarks. Radii hold
-        what they promise in the mean over shapes and landmarks like these, as far as models learned
-        from somewhat fewer shapes err as this one does (which cross-validation takes for granted);
-        not for each landmark, and for this observer's points only. Where some shapes are much
-        harder than others, and few were left out, radii can hold a few in a hundred less. Training
-        shapes of any weight above 0 count alike.
+        Expected errors and radii come from distances on whole training shapes that were held out
+        from learning and from the mean offset that is added to predictions; they are pooled over
+        landmarks. Radii have the promised coverage on average over similar shapes and landmarks,
+        provided that models learned from somewhat fewer shapes have similar errors (which
+        cross-validation takes for granted). They do not have it for each landmark, nor for another
+        observer's points. Where some shapes are much harder than others, and few were left out, the
+        coverage can be a few percent lower. Training shapes of any weight above 0 count equally.
         """
         usable = self._usable(X)
         if check_number(coverage, "coverage", low=0, strict=True) >= 1:
@@ -660,9 +713,9 @@ class WeightedFunctionalMapLearner(CallbackSupportMixin, Versioned, BaseEstimato
         n_stable: float | Literal["fitted"] | None = "fitted",
         refine: RefineOverride | Refinement | None = "fitted",
     ) -> list[IntArray]:
-        """Return point maps alone, in other functions than the parameters say if asked.
+        """Return point maps only, optionally matched in other functions than the parameters say.
 
-        ``matching="cut", n_stable=1.0`` matches in all functions alike, which is the full map of
+        ``matching="cut", n_stable=1.0`` matches in all functions equally, which is the full map of
         the paper's figure 5.
 
         Parameters
@@ -670,7 +723,7 @@ class WeightedFunctionalMapLearner(CallbackSupportMixin, Versioned, BaseEstimato
         X : sequence of ProbedShape
             New shapes.
         matching, n_stable, refine : optional
-            As the parameters of these names; ``"fitted"`` is what the model was fitted with.
+            Like the parameters of these names; ``"fitted"`` is what the model was fitted with.
 
         Returns
         -------
@@ -683,14 +736,14 @@ class WeightedFunctionalMapLearner(CallbackSupportMixin, Versioned, BaseEstimato
         return put_back(p2ps, usable, lambda skipped: np.full(skipped.n_vertices, -1))
 
     def stability_function(self) -> FloatArray:
-        """Return how far learned maps miss each point of the reference, as a function to look at.
+        """Return how far learned maps miss each point of the reference, as a function to draw.
 
         Returns
         -------
         ndarray of shape (n_vertices_0,)
-            Root of the sum over Y of squared (singular value times function), per training shape:
-            the length of what maps add to the row of a point in the embedding. Low where many
-            functions agree.
+            The root of the sum over Y of squared (singular value times function), per training
+            shape: the length of the error that maps add to the row of a point in the embedding. It
+            is low where many functions agree.
         """
         check_is_fitted(self)
         spectral, Y = self.reference_.spectral, self.stable_basis_
@@ -709,7 +762,7 @@ class WeightedFunctionalMapLearner(CallbackSupportMixin, Versioned, BaseEstimato
         refine: RefineOverride | Refinement | None = "fitted",
         reference_y: Answer | None = None,
     ) -> list[PairErrors]:
-        """Match shapes of known correspondence and return the error at each pair.
+        """Match shapes with known correspondences and return the error at each pair.
 
         Parameters
         ----------
@@ -720,8 +773,8 @@ class WeightedFunctionalMapLearner(CallbackSupportMixin, Versioned, BaseEstimato
         matching, n_stable, refine : optional
             As in `point_maps`.
         reference_y : Correspondence or int array, optional
-            Where the reference lies at the template points of ``y``; what `fit` was given by
-            default. With sparse landmarks, fit one half of them and score the other.
+            Where the reference lies on the template of ``y``; by default what was given to `fit`.
+            With sparse landmarks, fit on one half of them and score on the other.
 
         Returns
         -------
@@ -752,15 +805,15 @@ class WeightedFunctionalMapLearner(CallbackSupportMixin, Versioned, BaseEstimato
     ) -> float:
         """Return minus the mean geodesic error of the matches; larger is better.
 
-        Direct: a symmetric answer counts as an error. `skfmap.metrics.get_scorer` has the kinds
-        that forgive it.
+        This is the direct error: a symmetric answer counts as wrong. `skfmap.metrics.get_scorer`
+        has scorers that accept it.
 
         Parameters
         ----------
         X, y : sequence of ProbedShape, sequence of correspondences
             Shapes and where they lie on the template.
         sample_weight : array-like of shape (n_shapes,), optional
-            Share of each shape.
+            How much each shape counts.
         reference_y : Correspondence or int array, optional
             As in `pair_errors`.
 
@@ -778,7 +831,7 @@ class WeightedFunctionalMapLearner(CallbackSupportMixin, Versioned, BaseEstimato
     def set_params(self, **params: Any) -> Self:
         """Set parameters.
 
-        Those of a part, as ``refine__step``, where the part is an object and not a word.
+        Those of a part can be set, as ``refine__step``, if the part is an object and not a word.
         """
         check_part_is_object(params, self.get_params(deep=False), WORDS)
         return super().set_params(**params)
@@ -863,6 +916,15 @@ class WeightedFunctionalMapLearner(CallbackSupportMixin, Versioned, BaseEstimato
             verbose=0,
             prefer="threads",
         )
+
+    def _report_found(self, usable: Usable, found: Sequence[MatchedShape]) -> None:
+        """Tell what the matches of new shapes show."""
+        mirrored, familiar, misfits = (
+            [is_mirrored(one.solution) for one in found],
+            [one.match.familiar for one in found],
+            [one.misfit for one in found],
+        )
+        report(diagnose_new_shapes(usable, mirrored, familiar, misfits))
 
     def _matched(
         self,

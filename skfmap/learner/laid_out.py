@@ -70,6 +70,7 @@ def unregistered(shape: SkippedShape, target: GivenReference) -> Registered:
         off=nan,
         uncovered=nan,
         stretched=nan,
+        energy=nan,
         fits=False,
         name=shape.name,
         reference_name=target.shape.name,

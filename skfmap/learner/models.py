@@ -1,6 +1,6 @@
 """What any fitted model answers: a learner, a Pipeline that ends in one, a fitted search."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from typing import Any
 
 import numpy as np
@@ -15,7 +15,7 @@ from skfmap._tools.unwrap import learner_and_shapes
 from skfmap.refinement import Refinement
 from skfmap.shapes import Landmarks, Match, Registered
 
-__all__ = ["functional_maps", "match", "predict_landmarks", "register"]
+__all__ = ["functional_maps", "match", "match_between", "predict_landmarks", "register"]
 
 
 def match(
@@ -43,6 +43,54 @@ def match(
     """
     learner, shapes = learner_and_shapes(model, X)
     return list(learner.match(shapes, refine=refine, interpolate=interpolate))
+
+
+def match_between(
+    model: Model, X: Sequence[Any], pairs: Iterable[tuple[int, int]] | None = None
+) -> list[Match]:
+    """Match new shapes to one another, with any fitted model.
+
+    Parameters
+    ----------
+    model : WeightedFunctionalMapLearner, BridgedLearner, Pipeline or fitted search
+        The model.
+    X : sequence
+        What the model takes: meshes for a pipeline that begins with `SpectralBasis`.
+    pairs : iterable of (int, int), optional
+        From which shape to which: indices (i, j) into ``X``. All pairs of different shapes, in both
+        directions, by default.
+
+    Returns
+    -------
+    list of Match
+        One for each pair, from ``X[i]`` to ``X[j]``, which is its reference; see
+        `WeightedFunctionalMapLearner.match_between`.
+
+    Raises
+    ------
+    TypeError, ValueError
+        If ``pairs`` does not hold pairs of indices into ``X``.
+
+    Examples
+    --------
+    >>> from sklearn.pipeline import make_pipeline
+    >>> import skfmap
+    >>> from skfmap.datasets import make_creatures
+    >>> creatures = make_creatures(n_shapes=5, n_vertices=500)
+    >>> model = make_pipeline(
+    ...     skfmap.SpectralBasis(n_components=30),
+    ...     skfmap.DescriptorTransformer(),
+    ...     skfmap.WeightedFunctionalMapLearner(n_functions=20),
+    ... )
+    >>> model = model.fit(creatures.meshes[:3], creatures.correspondences[:3])
+    >>> there, back = skfmap.match_between(model, creatures.meshes[3:])
+    >>> there.p2p.shape == (creatures.meshes[3].n_vertices,)
+    True
+    >>> bool((back.p2p == there.inverse).all())
+    True
+    """
+    learner, shapes = learner_and_shapes(model, X)
+    return list(learner.match_between(shapes, pairs))
 
 
 def register(model: Model, X: Sequence[Any]) -> list[Registered]:

@@ -19,9 +19,18 @@ from skfmap.learner.matcher import Matcher, Solution
 from skfmap.learner.signs import count_supporting
 from skfmap.refinement import PointMatch
 from skfmap.registration import Quality, Registration
-from skfmap.shapes import Match, ProbedShape, SkippedShape
+from skfmap.shapes import Match, ProbedShape, SkippedShape, SpectralShape
 
-__all__ = ["INTERPOLATIONS", "MatchedShape", "match_shape", "no_match", "point_map"]
+__all__ = [
+    "INTERPOLATIONS",
+    "MatchedShape",
+    "images_between",
+    "match_shape",
+    "match_working_mesh",
+    "no_match",
+    "place_matrix",
+    "point_map",
+]
 
 INTERPOLATIONS = (None, "barycentric", "soft")
 
@@ -47,7 +56,7 @@ def point_map(matcher: Matcher, shape: ProbedShape, target: GivenReference) -> I
     after = matcher.match_points(shape, matcher.solve(shape).C)[1]
     if target.is_working and shape.spectral.prolongation is None:
         return after.p2p
-    images = _images(matcher, shape, after)
+    images = images_between(shape.spectral, matcher.reference.spectral, after)
     return point_map_on_given(shape.spectral, after.p2p, images, target)
 
 
@@ -66,6 +75,25 @@ def match_shape(
     ``refined`` tells whether the matcher's refinement is the one that ``confidence`` was fitted
     with.
     """
+    found, after = match_working_mesh(matcher, confidence, shape, interpolate, refined)
+    if target.is_working and shape.spectral.prolongation is None:
+        return found
+    images = images_between(shape.spectral, matcher.reference.spectral, after, interpolate)
+    match = on_given_meshes(found.match, shape.spectral, images, target, interpolate)
+    return found._replace(match=match)
+
+
+def match_working_mesh(
+    matcher: Matcher,
+    confidence: Confidence | None,
+    shape: ProbedShape,
+    interpolate: str | None,
+    refined: bool,
+) -> tuple[MatchedShape, PointMatch]:
+    """Match one shape as `match_shape` does, between working meshes; and return how it was found.
+
+    That is the point match after refinement, with the points in the embedding.
+    """
     solution = matcher.solve(shape, mirrored=True)
     before, after = matcher.match_points(shape, solution.C)
     match = Match(
@@ -78,7 +106,7 @@ def match_shape(
         reference_name=matcher.reference.name,
         refined_map=after.refined_map,
         n_supporting=count_supporting(matcher, shape, after),
-        matrix=_matrix(matcher, after, interpolate),
+        matrix=place_matrix(after, matcher.reference.spectral, interpolate),
         inverse=after.inverse,
         reference_hash=matcher.reference.spectral.given_hash,
     )
@@ -90,12 +118,7 @@ def match_shape(
         quality, fits = matcher.refinement.quality_of(matcher, shape.spectral, after)
         match = replace(match, familiar=fits and match.familiar is not False)
         misfit = None if fits else quality
-    if target.is_working and shape.spectral.prolongation is None:
-        return MatchedShape(match, solution, misfit)
-    images = _images(matcher, shape, after, interpolate)
-    return MatchedShape(
-        on_given_meshes(match, shape.spectral, images, target, interpolate), solution, misfit
-    )
+    return MatchedShape(match, solution, misfit), after
 
 
 def no_match(shape: SkippedShape, matcher: Matcher, *, assessed: bool) -> Match:
@@ -118,25 +141,30 @@ def no_match(shape: SkippedShape, matcher: Matcher, *, assessed: bool) -> Match:
     )
 
 
-def _images(
-    matcher: Matcher, shape: ProbedShape, match: PointMatch, interpolate: str | None = None
+def images_between(
+    spectral: SpectralShape,
+    spectral_0: SpectralShape,
+    match: PointMatch,
+    interpolate: str | None = None,
 ) -> SparseMatrix:
     """Return where on the working mesh of S_0 each working vertex of S_i lies.
 
     Between its vertices where that is asked, or the given meshes are finer.
     """
-    coarse = shape.spectral.keeps_vertices and matcher.reference.spectral.keeps_vertices
-    return _matrix(matcher, match, interpolate if coarse else "barycentric")
+    coarse = spectral.keeps_vertices and spectral_0.keeps_vertices
+    return place_matrix(match, spectral_0, interpolate if coarse else "barycentric")
 
 
-def _matrix(matcher: Matcher, match: PointMatch, interpolate: str | None) -> SparseMatrix:
+def place_matrix(
+    match: PointMatch, spectral_0: SpectralShape, interpolate: str | None
+) -> SparseMatrix:
     """Return the match as a sparse array whose rows sum to 1.
 
     Its shape is (n_vertices_i, n_vertices_0).
     """
     n_i, n_0 = len(match.points_i), len(match.points_0)
     if interpolate == "barycentric":
-        columns, weights = _barycentric(match, matcher.reference.spectral.mesh.faces)
+        columns, weights = _barycentric(match, spectral_0.mesh.faces)
     elif interpolate == "soft":
         columns, weights = _soft(match)
     else:

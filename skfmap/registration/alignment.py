@@ -11,7 +11,7 @@ from skfmap.functional.similarity import Similarity, best_similarity
 from skfmap.geometry.closest import ClosestPoints
 from skfmap.geometry.normals import vertex_normals
 
-__all__ = ["align", "principal_axes"]
+__all__ = ["align", "nearest_poses", "principal_axes"]
 
 # Vertices that are aligned: few to choose among starts, more for the end.
 _FEW, _MANY = 500, 1500
@@ -25,6 +25,8 @@ _AGREES = 0.3
 _N_TURNS, _PREFERRED = 4, 0.7
 # Distance, in sqrt(area), that a point counts with whose normal does not agree.
 _AGAINST = 0.1
+# Of poses: vertices that choose among them and the rounds in which they do, and then the end.
+_OF_POSES, _ROUNDS_OF_POSES, _MANY_OF_POSES, _ROUNDS_AT_LAST = 150, 6, 400, 15
 
 
 def align(
@@ -68,6 +70,57 @@ def align(
     costs[_N_TURNS:] = [_PREFERRED * cost for cost in costs[_N_TURNS:]]
     best = begun[int(np.argmin(costs))]
     return _closer(*many, target, best, _ROUNDS_OF_MANY)
+
+
+def nearest_poses(
+    poses: FloatArray,
+    faces: IntArray,
+    target: ClosestPoints,
+    frame: tuple[FloatArray, FloatArray],
+    areas: FloatArray,
+    n_kept: int,
+) -> list[FloatArray]:
+    """Return the poses that a similarity lays nearest onto a surface, the nearest first.
+
+    Each is tried in the four proper turns of the principal axes, and can be kept in more than one.
+
+    Parameters
+    ----------
+    poses : ndarray of shape (n_poses, n_vertices, 3)
+        Coordinates of one mesh, of about unit area.
+    faces : ndarray of int, shape (n_faces, 3)
+        Its faces.
+    target, frame : ClosestPoints, tuple of ndarray
+        The surface, of unit area, and its `principal_axes`.
+    areas : ndarray of shape (n_vertices,)
+        Of the vertices of the mesh.
+    n_kept : int
+        How many are returned.
+
+    Returns
+    -------
+    list of ndarray of shape (n_vertices, 3)
+        Coordinates where they lie.
+    """
+    found: list[tuple[float, int, Similarity]] = []
+    for number, pose in enumerate(poses):
+        few = _some(pose, faces, _OF_POSES)
+        for turn in _turns(principal_axes(pose, areas), frame):
+            closer = _closer(*few, target, turn, _ROUNDS_OF_POSES)
+            found.append((_cost(*few, target, closer), number, closer))
+    found.sort(key=lambda one: one[:2])
+    return [
+        _closer(
+            *_some(poses[number], faces, _MANY_OF_POSES), target, closer, _ROUNDS_AT_LAST
+        ).apply(poses[number])
+        for _, number, closer in found[:n_kept]
+    ]
+
+
+def _some(vertices: FloatArray, faces: IntArray, n: int) -> tuple[FloatArray, FloatArray]:
+    """Return well-spread vertices and the normals there."""
+    rows = farthest_points(vertices, n)
+    return vertices[rows], vertex_normals(vertices, faces)[rows]
 
 
 def principal_axes(vertices: FloatArray, areas: FloatArray) -> tuple[FloatArray, FloatArray]:

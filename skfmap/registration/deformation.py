@@ -107,6 +107,12 @@ class Deformation:
         vectors = (self.modes.T @ along).reshape(-1, 3) / roots
         return self.mean.with_vectors(self.mean.vectors + vectors)
 
+    def energy(self, vertices: FloatArray) -> float:
+        """Return the energy of coordinates around the nearest rest that training shapes allow."""
+        nearest = self.adapted(vertices)
+        beyond = self.mean.seen_from_rest(vertices) - nearest.vectors
+        return float(self.mean.weights @ np.square(beyond).sum(axis=1))
+
 
 def _mean(
     start: ElasticSurface, shapes: Sequence[FloatArray], areas: FloatArray

@@ -16,6 +16,7 @@ from skfmap._tools.types import FloatArray, RefineOnMaps
 from skfmap._tools.validation import check_choice, check_number
 from skfmap.functional.neighbours import nearest_both
 from skfmap.functional.refinement import map_from_point_maps
+from skfmap.functional.samples import farthest_points
 from skfmap.functional.similarity import (
     STIFF,
     TELLING,
@@ -25,8 +26,16 @@ from skfmap.functional.similarity import (
     side_of,
 )
 from skfmap.geometry.closest import ClosestPoints
-from skfmap.refinement import ICP, REFINEMENTS, Learned, PointMatch, Refinement, ZoomOut
-from skfmap.registration.alignment import align, principal_axes
+from skfmap.refinement import (
+    ICP,
+    REFINEMENTS,
+    Learned,
+    PointMatch,
+    Refinement,
+    ZoomOut,
+    match_points,
+)
+from skfmap.registration.alignment import align, nearest_poses, principal_axes
 from skfmap.registration.by_landmarks import lay_by_landmarks, nearest_in_space
 from skfmap.registration.deformation import Deformation
 from skfmap.registration.laying import Anchors, flipped_faces, lay, lay_on_points, unfold
@@ -43,12 +52,17 @@ _OF_TRAINING = 0.3
 # many pairs draw as much as the surface does together. On mandibles with 13 landmarks, 10 rather
 # than 1 brings errors from 0.288 to 0.256 mm.
 _FEW_PAIRS = 10.0
+# Pairs for each function that are many: the known map then tells where points lie.
+_MANY_PAIRS = 10
 # Training shapes that are left out in turn for the choice, at most.
 _VALIDATED = 6
 # How strongly a match draws beside known pairs, which draw as much as the surface does.
 _MATCHED = 0.1
-# How often the best of several starts is matched and laid again.
+# How often the best of several starts is matched and laid again, at most.
 _AGAIN = 3
+# Poses of training shapes that are kept at most (60 kB each at 5,000 vertices), and how many of
+# them, and of their turns, are starts where a shape is in doubt.
+_MOST_POSES, _N_POSES_NEAR = 24, 5
 
 
 class Laid(NamedTuple):
@@ -57,13 +71,13 @@ class Laid(NamedTuple):
     Attributes
     ----------
     vertices : ndarray of shape (n_vertices_0, 3)
-        Of the reference's working mesh.
+        Vertices of the reference's working mesh.
     n_flipped : int
-        Faces that are folded over.
+        Number of faces that are folded over.
     quality : Quality
-        How well they lie.
+        How well the vertices lie on the shape.
     fits : bool
-        Whether that is like training shapes.
+        Whether they lie as well as on training shapes.
     """
 
     vertices: FloatArray
@@ -73,47 +87,47 @@ class Laid(NamedTuple):
 
 
 class Registration(Refinement):
-    """Lay the reference's mesh onto each shape, and take points from there.
+    """Lay the reference's mesh onto each shape, and match points through it.
 
-    From a match, or where shapes are stiff from a similarity that space tells, the reference is
-    deformed as training shapes deform, and drawn to the closest points of the surface whose normals
-    agree, while it gets softer. The learner's word for it is ``refine="register"``;
-    `skfmap.register` returns the meshes.
+    It starts from a match or, for rigid shapes, from a similarity found in space. The reference is
+    then deformed as training shapes deform, and attracted by the closest points of the surface
+    whose normals agree, while it becomes softer. The learner's word for it is
+    ``refine="register"``; `skfmap.register` returns the meshes.
 
     Parameters
     ----------
     start : {"bijective-zoomout", "icp", "zoomout"}, Refinement or None, default="bijective-zoomout"
-        The match that it begins with. None: the one that was learned.
+        The match to start from. None: the learned match, without refinement.
     deformation : {"learned", "as-rigid-as-possible"}, default="learned"
-        What is at rest: the mean and the principal components of how training shapes are stretched,
-        whatever their pose, or the reference alone.
+        Which deformations cost nothing: the mean and the principal components of the stretch of
+        training shapes, whatever their pose; or none, relative to the reference.
     stiffness : float or "auto", default="auto"
-        How much the mesh resists, in the end, beside a mean of 1 with which the surface draws each
-        vertex. ``"auto"`` lets training shapes choose among 30, 3, 0.3 and 0.03.
+        How much the mesh resists in the end, relative to the attraction of each vertex by the
+        surface, whose mean is 1. ``"auto"`` lets training shapes choose from 30, 3, 0.3 and 0.03.
     pose : {"auto", "free", "similarity"}, default="auto"
-        ``"similarity"``: shapes are alike but for where they are, how they are turned, and their
-        size, as bones are; the start is then found in space, over all turns. ``"auto"`` asks the
-        known pairs of the training shapes whether a similarity leaves 2 % of their squares or less.
+        ``"similarity"``: shapes differ little except in position, rotation and size, as bones do;
+        the start is then found in space, over all rotations. ``"auto"`` checks whether a similarity
+        explains all but 2 % of the sum of squares of the known pairs of the training shapes.
 
     Attributes
     ----------
     start_ : Refinement or None
         The fitted start.
     deformation_ : Deformation
-        What was learned; a few MB.
+        The learned model of deformation; a few MB.
     stiffness_, pose_ : float, str
         What was chosen.
     choices_ : dict of float
-        Mean distance, in sqrt(area), of known places from where they belong on training shapes left
-        out of the deformation, by stiffness.
+        Mean error, in sqrt(area), of known places on training shapes that were left out of the
+        deformation model, for each stiffness.
     limits_ : Limits
-        By which a shape is told that the reference does not fit.
+        Limits beyond which the reference does not fit a shape.
 
     Notes
     -----
-    Training shapes of any weight above 0 count alike, and are registered by their known pairs. A
-    shape that the stiffness is chosen by is left out of the model of deformation; the match that
-    it begins with is not learned anew.
+    Training shapes of any weight above 0 count equally, and are registered by their known pairs.
+    Each shape that is used to choose the stiffness is left out of the deformation model; the match
+    that it starts with is not learned again.
 
     Examples
     --------
@@ -247,31 +261,55 @@ class Registration(Refinement):
     ) -> FloatArray:
         """Return the reference's working vertices on a shape of unit area, (n_vertices_0, 3).
 
-        Where they do not lie as on training shapes, other starts are tried, and the best of all is
-        begun with again.
+        Where they lie worse than on training shapes, other refinements of the match and poses of
+        training shapes are starts as well, and the best of all is begun with again.
         """
         spectral_0 = learned.reference.spectral
-        begun = match if self.start_ is None else self.start_.refine(learned, spectral, match)
-        best = self._tried(spectral_0, spectral, begun)
-        lies = best[0]._replace(stretched=0.0)  # another start would not stretch it less
-        if self.pose_ == "similarity" or self.limits_.allow(lies):
+        best = self._tried(learned, spectral, match, self.start_)
+        if self.pose_ == "similarity" or not self.limits_.doubt(best[0]):
             return best[1]
-        for other in (ICP(), ZoomOut(), None):
-            begun = match if other is None else other.refine(learned, spectral, match)
-            best = min(best, self._tried(spectral_0, spectral, begun), key=_misfit)
+        others: list[tuple[PointMatch, Refinement | None]] = [
+            *((match, other) for other in (ICP(), ZoomOut(), None)),
+            *(
+                (_matched_in_space(spectral_0, spectral, match, pose), self.start_)
+                for pose in self._poses_near(spectral_0, spectral)
+            ),
+        ]
+        for begun, start in others:
+            best = min(best, self._tried(learned, spectral, begun, start), key=self._misfit)
         for _ in range(_AGAIN):
             begun = _matched_in_space(spectral_0, spectral, match, best[1])
-            if self.start_ is not None:
-                begun = self.start_.refine(learned, spectral, begun)
-            best = min(best, self._tried(spectral_0, spectral, begun), key=_misfit)
+            again = self._tried(learned, spectral, begun, self.start_)
+            if self._misfit(again) >= self._misfit(best):
+                break
+            best = again
         return best[1]
 
+    def _misfit(self, tried: tuple[Quality, FloatArray]) -> float:
+        return self.limits_.misfit(tried[0])
+
+    def _poses_near(self, spectral_0: SpectralShape, spectral: SpectralShape) -> list[FloatArray]:
+        """Return poses of training shapes, moved to where they lie nearest to a shape."""
+        return nearest_poses(
+            np.concatenate([spectral_0.vertices[None], self.poses_]),
+            spectral_0.mesh.faces,
+            ClosestPoints(spectral.vertices, spectral.mesh.faces),
+            principal_axes(spectral.vertices, spectral.mass),
+            spectral_0.mass,
+            _N_POSES_NEAR,
+        )
+
     def _tried(
-        self, spectral_0: SpectralShape, spectral: SpectralShape, match: PointMatch
+        self,
+        learned: Learned,
+        spectral: SpectralShape,
+        match: PointMatch,
+        refinement: Refinement | None,
     ) -> tuple[Quality, FloatArray]:
-        """Return the vertices that one match leads to, and how well they lie."""
-        deformation = self.deformation_
-        start = _start(deformation, spectral_0, spectral, match, self.pose_)
+        """Return the vertices that a match leads to once it is refined, and how well they lie."""
+        deformation, spectral_0 = self.deformation_, learned.reference.spectral
+        begun = match if refinement is None else refinement.refine(learned, spectral, match)
+        start = _start(deformation, spectral_0, spectral, begun, self.pose_)
         drawn = _drawn(deformation, spectral_0, spectral, start, self.stiffness_)
         vertices = unfold(deformation, spectral_0.mesh.faces, drawn)
         return self._quality(spectral_0, spectral, vertices), vertices
@@ -294,6 +332,7 @@ class Registration(Refinement):
             training.reference.spectral, laid, self.deformation, self.pose_
         )
         self.limits_ = Limits.shown_by(self.deformation_, laid)
+        self.poses_ = _poses(laid, training.reference.spectral, self.pose_)
         return laid
 
     def _choose(
@@ -348,9 +387,13 @@ class Registration(Refinement):
         )
 
 
-def _misfit(tried: tuple[Quality, FloatArray]) -> float:
-    """Return the shares of both areas that lie off the other shape, together."""
-    return tried[0].off + tried[0].uncovered
+def _poses(laid: Sequence[FloatArray], spectral_0: SpectralShape, pose: str) -> Any:
+    """Return poses of training shapes that are as unlike as can be, (n_poses, n_vertices_0, 3)."""
+    if pose == "similarity":
+        return np.zeros((0, *spectral_0.vertices.shape), np.float32)
+    aligned = [best_similarity(one, laid[0], spectral_0.mass).apply(one) for one in laid]
+    unlike = farthest_points(np.reshape(aligned, (len(laid), -1)), _MOST_POSES)
+    return np.asarray(laid, dtype=np.float32)[np.sort(unlike)]
 
 
 @dataclass(frozen=True, eq=False)
@@ -361,10 +404,23 @@ class _Sample:
     shape: Any
     pairs: Anchors
     pose: str
+    known_map: FloatArray
 
     @property
     def spectral(self) -> SpectralShape:
         return self.shape.spectral
+
+    @property
+    def match_to_lay(self) -> PointMatch:
+        """The match that the known pairs are followed from, where shapes bend.
+
+        Where there are many it is that of the known map, which is the same in all folds.
+        """
+        k = len(self.known_map)
+        if len(self.pairs.points) < _MANY_PAIRS * k:
+            return self.match
+        spectral_0 = self.matcher.reference.spectral
+        return match_points(self.spectral, spectral_0, self.known_map, np.eye(k))
 
     @cached_property
     def match(self) -> PointMatch:
@@ -400,7 +456,7 @@ def _sample(matcher: Any, training: Any, i: int, pose: str) -> _Sample:
         training.points(i)[right],  # as measured: on the surface mandibles lose 0.007 of 0.19 mm
         join.weights * (draw / max(float(join.weights.sum()), 1e-300)),
     )
-    return _Sample(matcher, shape, pairs, pose)
+    return _Sample(matcher, shape, pairs, pose, known.C)
 
 
 def _pose(training: Any) -> str:
@@ -426,7 +482,8 @@ def _lay_by_pairs(spectral_0: SpectralShape, sample: _Sample) -> FloatArray:
     """Return the reference on a training shape, by known pairs; once for all that do it alike."""
     pairs = sample.pairs
     # Of stiff shapes the match is not asked, so that all folds have them from one another.
-    asked = () if sample.pose == "similarity" else (sample.match.p2p, sample.match.inverse)
+    match = None if sample.pose == "similarity" else sample.match_to_lay
+    asked = () if match is None else (match.p2p, match.inverse)
     key = hash_of_arrays(
         spectral_0.vertices,
         spectral_0.mesh.faces,
@@ -442,17 +499,17 @@ def _lay_by_pairs(spectral_0: SpectralShape, sample: _Sample) -> FloatArray:
     if laid is None:
         for oldest in list(known)[: 1 - _MOST_LAID]:  # other threads may drop it too
             known.pop(oldest, None)
-        laid = known[key] = _by_pairs(spectral_0, sample)
+        laid = known[key] = _by_pairs(spectral_0, sample, match)
     return laid
 
 
-def _by_pairs(spectral_0: SpectralShape, sample: _Sample) -> FloatArray:
+def _by_pairs(spectral_0: SpectralShape, sample: _Sample, match: PointMatch | None) -> FloatArray:
     pairs = sample.pairs
-    if sample.pose == "similarity":
+    if match is None:
         surface = sample.spectral.vertices, sample.spectral.mesh.faces
         return lay_by_landmarks(spectral_0, surface, pairs)
     rest = Deformation.of_reference(spectral_0.vertices, spectral_0.mesh.faces)
-    matched = _matched(sample.spectral, spectral_0, sample.match)
+    matched = _matched(sample.spectral, spectral_0, match)
     both = Anchors(
         sp.csr_array(sp.vstack([matched.places, pairs.places])),
         np.concatenate([matched.points, pairs.points]),

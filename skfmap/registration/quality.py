@@ -20,6 +20,10 @@ _USUAL, _LEAST_STRAIN = 0.99, 0.1
 # What is told of shapes that do not fit: so many times what is usual, and this share at least and
 # at most. Other bodies, and halves of them, are beyond by far.
 _TIMES, _AT_LEAST, _AT_MOST = 3.0, 0.05, 0.2
+# The least energy that is usual, for kinds that hardly vary.
+_LEAST_ENERGY = 0.01
+# How much more than usual a reference lies off, or is deformed, that may have begun elsewhere.
+_DOUBTFUL = 1.5
 
 
 class Quality(NamedTuple):
@@ -35,11 +39,15 @@ class Quality(NamedTuple):
     stretched : float
         Share of the reference's area that is stretched, or compressed, more than nearly all of what
         training showed.
+    energy : float
+        What its deformation takes beyond what training showed: the energy of `ElasticSurface`
+        around the nearest of the shapes that were learned. It has no unit.
     """
 
     off: float
     uncovered: float
     stretched: float
+    energy: float
 
 
 class Limits(NamedTuple):
@@ -53,7 +61,7 @@ class Limits(NamedTuple):
         """Return the limits of training shapes that the reference was laid onto by known pairs."""
         strains = [_at_vertices(deformation, deformation.mean.strains(one)) for one in laid]
         usual = float(np.quantile(np.concatenate(strains), _USUAL))
-        return cls(max(usual, _LEAST_STRAIN), Quality(0.0, 0.0, 0.0))
+        return cls(max(usual, _LEAST_STRAIN), Quality(0.0, 0.0, 0.0, 0.0))
 
     def with_usual(self, seen: Sequence[Quality]) -> Self:
         """Return the limits with the medians of what left-out training shapes showed.
@@ -66,8 +74,26 @@ class Limits(NamedTuple):
         """Tell whether a reference that was laid onto a shape fits it."""
         return all(
             one <= min(max(_AT_LEAST, _TIMES * usual), _AT_MOST)
-            for one, usual in zip(quality, self.usual, strict=True)
+            for one, usual in zip(quality[:3], self.usual[:3], strict=True)
         )
+
+    def misfit(self, quality: Quality) -> float:
+        """Return how much worse than usual a reference lies: 1 where it lies as it usually does.
+
+        The mean of what lies off, on either side, and of the energy, both by what is usual. Where
+        one limb was taken for another, or front for back, the reference may lie close, but takes
+        more energy.
+        """
+        off, usual = quality.off + quality.uncovered, self.usual.off + self.usual.uncovered
+        energy = quality.energy / max(self.usual.energy, _LEAST_ENERGY)
+        return (off / max(usual, _AT_LEAST) + energy) / 2
+
+    def doubt(self, quality: Quality) -> bool:
+        """Tell whether another start may lead to a better place, however stretched it is there.
+
+        Of training shapes most may have been matched wrongly: what does not fit is in doubt too.
+        """
+        return self.misfit(quality) > _DOUBTFUL or not self.allow(quality._replace(stretched=0.0))
 
 
 def assess(
@@ -91,6 +117,7 @@ def assess(
         _share(_lies_off(laid, shape, off), laid[2]),
         _share(_lies_off(shape, laid, off), shape[2]),
         _share(mean_strain > limits.strain, laid[2]),
+        deformation.energy(laid[0]),
     )
 
 

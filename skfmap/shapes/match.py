@@ -284,6 +284,9 @@ class Match:
     def to(self, other: "Match") -> tuple[IntArray, FloatArray | None]:
         """Return the point map from this shape to another that was matched to the same reference.
 
+        It goes over the reference's vertices, for two matches at hand. `skfmap.match_between` needs
+        the shapes and the model, errs less, and returns all that a match has.
+
         Parameters
         ----------
         other : Match

@@ -35,9 +35,13 @@ class Registered:
     stretched : float
         Share of the reference's area that is stretched or compressed more than nearly all of the
         training shapes'.
+    energy : float
+        What the deformation takes beyond what training shapes showed; without a unit. It tells
+        which of several ways to lie is right.
     fits : bool
-        Whether the last three are like those of training shapes that were left out. Where it is
-        False, `UnfamiliarShapeWarning` has named the shape, and the mesh is not to be trusted.
+        Whether ``off``, ``uncovered`` and ``stretched`` are like those of training shapes that were
+        left out. Where it is False, `UnfamiliarShapeWarning` has named the shape, and the mesh is
+        not to be trusted.
     name, reference_name : str or None
         Of the shape and of the reference.
     """
@@ -49,6 +53,7 @@ class Registered:
     off: float
     uncovered: float
     stretched: float
+    energy: float
     fits: bool
     name: str | None = None
     reference_name: str | None = None
