@@ -126,8 +126,8 @@ plt.show()
 
 # %%
 # Size and shape of all ten. Aligned and scaled to unit size, landmarks leave shape, whose first
-# two principal components are drawn. Whether predicted specimens vary as much as they should is what
-# `skfmap.landmarks.shrinkage` measures, where some of them have landmarks placed by hand as well.
+# two principal components are drawn. Whether predicted specimens vary as much as they should is
+# what `skfmap.landmarks.shrinkage` measures, where some also have landmarks placed by hand.
 array = stack_landmarks([*placed[:5], *predicted])
 sizes = centroid_sizes(array)
 shapes = align_landmarks(array) / sizes[:, None, None]
