@@ -460,7 +460,8 @@ def test_files_say_one_thing(tmp_path, name, content, faces):
 
 def test_what_holds_a_mesh_says_to_give_it():
     ball = make_sphere(n_subdivisions=1)
-    laid = Registered(ball.vertices, ball.faces, np.zeros(18), 0, 0.0, 0.0, 0.0, True)
+    shares = dict.fromkeys(("off", "uncovered", "stretched", "energy"), 0.0)
+    laid = Registered(ball.vertices, ball.faces, np.zeros(18), 0, **shares, fits=True)
     with pytest.raises(TypeError, match=r"X\[0\] is a Registered.*Give its \.mesh"):
         as_meshes([laid])
     with pytest.raises(TypeError, match=r"a path\.$"):

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 import scipy.sparse as sp
 import trimesh
+from matplotlib import pyplot as plt
 
 import skfmap
 from skfmap import Landmarks, Match, Mesh, SpectralBasis
@@ -20,6 +21,12 @@ from skfmap.io.vtk_written import vtk_of, vtp_of
 from skfmap.shapes import GivenMesh
 
 _TURN = np.array([[0, 1, 0], [-1, 0, 0], [0, 0, 1]])
+
+
+@pytest.fixture(autouse=True)
+def _close_figures():
+    yield
+    plt.close("all")
 
 
 @pytest.fixture
@@ -68,6 +75,14 @@ def test_a_match_of_thinned_meshes_knows_those_that_were_given(collection):
     assert found.mesh.content_hash == collection.meshes[5].content_hash
     assert found.reference_mesh.content_hash == collection.meshes[0].content_hash
     assert len(found.p2p) == found.mesh.n_vertices
+
+
+def test_a_match_between_new_shapes_knows_both(fitted, probed, collection):
+    (found,) = fitted.match_between(probed[4:6], [(1, 0)])
+    assert found.mesh.content_hash == collection.meshes[5].content_hash
+    assert found.reference_mesh.content_hash == collection.meshes[4].content_hash
+    assert len(found.plot(show=["match"]).axes) == 2
+    plt.close("all")
 
 
 def test_a_mesh_that_has_changed_since_is_told(tmp_path, turned, match):

@@ -37,6 +37,12 @@ def make_learner(make_learner):
 
 
 @pytest.fixture(scope="module")
+def fitted(make_learner, probed, collection):
+    """Return a learner of these; the one of the session would be without errors for all tests."""
+    return make_learner(memory=None).fit(probed[:5], collection.truths[:5])
+
+
+@pytest.fixture(scope="module")
 def memory(tmp_path_factory):
     """Return a cache of bases and probes, which these tests do not change."""
     return str(tmp_path_factory.mktemp("cache"))

@@ -5,7 +5,7 @@ from dataclasses import replace
 
 from skfmap.shapes import GivenMesh, Match, ProbedShape, SpectralShape
 
-__all__ = ["with_meshes"]
+__all__ = ["given_of", "with_meshes"]
 
 
 def with_meshes(

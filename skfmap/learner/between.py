@@ -13,6 +13,7 @@ from skfmap._tools.types import FloatArray, IntArray, SparseMatrix
 from skfmap._tools.validation import check_number
 from skfmap.functional.neighbours import nearest_both
 from skfmap.functional.refinement import map_from_point_maps
+from skfmap.learner.about_meshes import given_of
 from skfmap.learner.confidence import Confidence
 from skfmap.learner.given_answers import GivenReference, given_reference, on_given_meshes
 from skfmap.learner.matcher import Matcher
@@ -171,14 +172,17 @@ def match_pairs(
     for (i, j), (there, back) in zip(once, found, strict=True):
         answers.update({(j, i): back, (i, j): there})
     items: dict[int, ProbedItem] = {i: one.shape for i, one in matched.items()} | dict(skipped)
-    out = []
-    for pair in wanted:
-        match = answers.get(pair)
+    meshes = {
+        i: None if isinstance(one, SkippedShape) else given_of(one.spectral)
+        for i, one in items.items()
+    }
+    done: dict[tuple[int, int], Match] = {}
+    for i, j in dict.fromkeys(wanted):
+        match = answers.get((i, j))
         if match is None:
-            one, other = (items[index] for index in pair)
-            match = _no_match(matcher, one, other, assessed=confidence is not None)
-        out.append(match)
-    return out
+            match = _no_match(matcher, items[i], items[j], assessed=confidence is not None)
+        done[i, j] = replace(match, given=meshes[i], reference_given=meshes[j])
+    return [done[pair] for pair in wanted]
 
 
 def _match_once(matcher: Matcher, confidence: Confidence | None, shape: ProbedShape) -> OnReference:
