@@ -15,6 +15,7 @@ from skfmap.learner import (
     predict_landmarks,
     register,
 )
+from skfmap.partial import PartialMatcher
 from skfmap.shapes import (
     Correspondence,
     Landmarks,
@@ -32,6 +33,7 @@ __all__ = [
     "Landmarks",
     "Match",
     "Mesh",
+    "PartialMatcher",
     "ProbedShape",
     "Registered",
     "SpectralBasis",
@@ -63,6 +65,7 @@ _SUBMODULES = (
     "learner",
     "metrics",
     "model_selection",
+    "partial",
     "persistence",
     "plotting",
     "refinement",

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import scipy.sparse as sp
 
-from skfmap._tools.types import FloatArray, IntArray, SparseMatrix
+from skfmap._tools.types import BoolArray, FloatArray, IntArray, SparseMatrix
 from skfmap._tools.validation import as_array, check_number, label
 
 __all__ = ["Match"]
@@ -59,6 +59,11 @@ class Match:
     familiar : bool or None
         Whether the shape is like the training shapes: False where `UnfamiliarShapeWarning` named
         it. None if nothing tells: the learner calibrates no errors, and lays no mesh onto shapes.
+    covered : ndarray of bool, shape (n_vertices_0,), or None
+        Which vertices of the reference the shape shows; all where it is whole. None unless a
+        `skfmap.PartialMatcher` matched it.
+    covered_probability : ndarray of shape (n_vertices_0,) or None
+        How likely each of them is to be shown.
     """
 
     p2p: IntArray
@@ -75,6 +80,8 @@ class Match:
     reference_hash: str | None = None
     misfit: float = float("nan")
     familiar: bool | None = None
+    covered: BoolArray | None = None
+    covered_probability: FloatArray | None = None
 
     def transfer(self, values: object, *, max_error: float | None = None) -> Any:
         """Carry a function, labels or texture coordinates from the reference to this shape.
