@@ -7,7 +7,7 @@ from skfmap._tools.types import BoolArray, FloatArray, IntArray
 from skfmap.geometry.closest import face_normals
 from skfmap.geometry.faults import components
 
-__all__ = ["clip", "keep_faces", "rim_length", "visible_faces", "without_crumbs"]
+__all__ = ["clip", "keep_faces", "rim_length", "smooth_mask", "visible_faces", "without_crumbs"]
 
 # Share of an edge from its ends within which no level cuts it: slivers would be left.
 _FROM_ENDS = 0.05
@@ -173,10 +173,8 @@ def _grid(on_screen: FloatArray, faces: IntArray) -> FloatArray:
     corners = on_screen[faces]
     longest = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max()
     n = int(np.clip(np.ceil(longest), 1, _MOST_STEPS))
-    a, b = (index.ravel() for index in np.meshgrid(np.arange(n + 1), np.arange(n + 1)))
-    kept = a + b <= n
-    a, b = a[kept] / n, b[kept] / n
-    return np.column_stack([1 - a - b, a, b])
+    second, third = np.triu_indices(n + 1)[0], n - np.triu_indices(n + 1)[1]
+    return np.column_stack([n - second - third, second, third]) / n
 
 
 def _areas(vertices: FloatArray, faces: IntArray) -> FloatArray:

@@ -7,7 +7,7 @@ import scipy.sparse as sp
 from scipy.sparse.csgraph import dijkstra
 from scipy.sparse.linalg import splu
 
-from skfmap._tools.types import FloatArray, IntArray
+from skfmap._tools.types import FloatArray, IntArray, SparseMatrix
 from skfmap.geometry.faults import boundary_vertices
 from skfmap.geometry.geodesics import edge_graph
 from skfmap.geometry.laplacian import robust_mesh_laplacian
@@ -73,7 +73,7 @@ def rim_distances(vertices: FloatArray, faces: IntArray) -> FloatArray:
 
 
 def _diffused(
-    stiffness: sp.csc_array, mass: FloatArray, values: FloatArray, time: float
+    stiffness: SparseMatrix, mass: FloatArray, values: FloatArray, time: float
 ) -> FloatArray:
     """Return values after heat has spread for a time, by implicit steps."""
     diagonal = sp.diags_array(mass)
@@ -135,7 +135,7 @@ def _turns(offsets: list[FloatArray], normals: FloatArray) -> list[FloatArray]:
 
 
 def _context(
-    stiffness: sp.csc_array, mass: FloatArray, local: FloatArray, scales: Sequence[float]
+    stiffness: SparseMatrix, mass: FloatArray, local: FloatArray, scales: Sequence[float]
 ) -> FloatArray:
     """Return the features averaged over surroundings, at every other scale."""
     return np.column_stack(

@@ -13,10 +13,10 @@ from skfmap.functional.neighbours import nearest
 from skfmap.geometry.closest import ClosestPoints, nearest_places
 from skfmap.geometry.geodesics import farthest_vertices
 from skfmap.geometry.normals import vertex_normals
-from skfmap.partial.consistency import agreed
+from skfmap.partial.consistency import Hypothesis, hypotheses
 from skfmap.partial.laying import believed_places, lay_on_part, start_from
 from skfmap.partial.recognition import Recogniser
-from skfmap.partial.scan import N_SAMPLES, Scan
+from skfmap.partial.scan import Scan
 from skfmap.registration import Deformation
 
 __all__ = ["Body", "LaidOnPart", "Lesson", "Regions", "shared_regions"]
@@ -33,6 +33,12 @@ _STIFFNESS = 0.3
 _NEAR = 0.1
 # Farther than this, in sqrt(area), or turned away by more, a point does not lie on the other.
 _OFF, _AGREES = 0.04, 0.3
+
+# Where points of a part may belong: so many answers are looked for, and those are laid whose score
+# is this near to that of the best.
+_N_HYPOTHESES, _AS_GOOD = 2, 1.0
+# How much a logarithm of the probability counts beside the share that lies off the reference.
+_OF_LIKELIHOOD = 0.1
 
 
 class Regions(NamedTuple):
@@ -173,14 +179,34 @@ class Body:
         return self.regions.distances[:, self.regions.centres].astype(np.float64)
 
     def lay(self, scan: Scan) -> LaidOnPart:
-        """Return the reference laid onto a scan."""
-        regions, points = self.regions, scan.points
-        logarithms = self.recogniser.logarithms(scan.features[points])
-        among = scan.distances[:N_SAMPLES]
-        _, beliefs = agreed(logarithms[:N_SAMPLES], among, self._apart, logarithms, scan.distances)
-        places, belief = believed_places(beliefs, regions.vertices[regions.centres], self._apart)
+        """Return the reference laid onto a scan, by what its points believe in most.
+
+        Where a second hypothesis is about as good, the reference is laid by that as well, and what
+        lies better is kept.
+        """
+        logarithms = self.recogniser.logarithms(scan.features[scan.points])
+        found = hypotheses(logarithms, scan.distances, self._apart, _N_HYPOTHESES)
+        laid = [
+            self._laid_by(scan, one, logarithms)
+            for one in found
+            if one.score >= found[0].score - _AS_GOOD
+        ]
+        return min(laid, key=_misfit)
+
+    def _laid_by(
+        self, scan: Scan, hypothesis: Hypothesis, logarithms: npt.NDArray[np.float32]
+    ) -> LaidOnPart:
+        regions = self.regions
+        places, belief = believed_places(
+            hypothesis.beliefs, regions.vertices[regions.centres], self._apart
+        )
         start = start_from(
-            self.deformation, regions.faces, scan.vertices[points], places, belief, regions.vertices
+            self.deformation,
+            regions.faces,
+            scan.vertices[scan.points],
+            places,
+            belief,
+            regions.vertices,
         )
         vertices = lay_on_part(
             self.deformation,
@@ -190,7 +216,7 @@ class Body:
             start,
             stiffness=_STIFFNESS,
         )
-        return self._judged(scan, vertices, logarithms, beliefs, belief)
+        return self._judged(scan, vertices, logarithms, hypothesis.beliefs, belief)
 
     def _judged(
         self,
@@ -251,3 +277,8 @@ def nearest_with_normals(
         np.column_stack([points, _NORMALS * normals]),
         np.column_stack([targets, _NORMALS * normals_of_targets]),
     )
+
+
+def _misfit(laid: LaidOnPart) -> float:
+    """Return how badly the reference lies, by space and by the surroundings of points."""
+    return laid.off - _OF_LIKELIHOOD * laid.likelihood

@@ -1,11 +1,13 @@
 """Regions that are as far apart on the reference as points are on a scan."""
 
+from typing import NamedTuple
+
 import numpy as np
 import numpy.typing as npt
 
 from skfmap._tools.types import FloatArray
 
-__all__ = ["agreed"]
+__all__ = ["Hypothesis", "hypotheses"]
 
 # Distances, in sqrt(area), are compared by bins of this width, up to the largest.
 _BIN, _FARTHEST = 0.05, 1.0
@@ -18,48 +20,84 @@ _MOST = 6.0
 # round to the last.
 _FIRST, _LAST, _ROUNDS = 2.0, 25.0, 20
 
+# Regions this near to those of another hypothesis, in sqrt(area), are avoided at first, by so much
+# of a logarithm.
+_AWAY, _AVOIDED = 0.25, 6.0
 
-def agreed(
+
+class Hypothesis(NamedTuple):
+    """Where points of a scan believe to be on the reference, consistently.
+
+    Attributes
+    ----------
+    beliefs : ndarray of shape (n_points, n_regions)
+        Probabilities of regions.
+    score : float
+        How well surroundings and distances agree with them; of two, the higher is better.
+    """
+
+    beliefs: npt.NDArray[np.float32]
+    score: float
+
+
+def hypotheses(
     logarithms: npt.NDArray[np.float32],
-    among: FloatArray,
+    distances: FloatArray,
     distances_0: FloatArray,
-    more: npt.NDArray[np.float32] | None = None,
-    to_samples: FloatArray | None = None,
-) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.float32]]:
-    """Return the probabilities of regions at points of a scan, made consistent with one another.
+    n_hypotheses: int,
+) -> list[Hypothesis]:
+    """Return where points of a scan may be on the reference, consistent with one another.
 
     Mean-field rounds on a random field: a point believes in a region by how its surroundings look,
     and by how far the other points are from it on the scan, and their regions from the region on
-    the reference.
+    the reference. As bodies are nearly their own images, each hypothesis begins away from those
+    before it.
 
     Parameters
     ----------
-    logarithms : ndarray of shape (n_samples, n_regions)
+    logarithms : ndarray of shape (n_points, n_regions)
         Of the probabilities that surroundings give.
-    among : ndarray of shape (n_samples, n_samples)
-        Distances along the scan, in sqrt(area) of the reference; infinite between pieces.
+    distances : ndarray of shape (n_points, n_samples)
+        Distances along the scan from the first ``n_samples`` points, in sqrt(area) of the
+        reference; infinite between pieces.
     distances_0 : ndarray of shape (n_regions, n_regions)
         Distances of regions along the reference.
-    more : ndarray of shape (n_points, n_regions), optional
-        Logarithms for further points, to which samples say what they found.
-    to_samples : ndarray of shape (n_points, n_samples), optional
-        Distances of these points from the samples.
+    n_hypotheses : int
+        How many.
 
     Returns
     -------
-    probabilities : ndarray of shape (n_samples, n_regions)
-    further : ndarray of shape (n_points, n_regions)
+    list of Hypothesis
+        The best first.
     """
-    costs = _costs(distances_0)
-    near = _bins(among)
-    beliefs = _softmax(logarithms)
-    for weight in np.geomspace(_FIRST, _LAST, _ROUNDS):
+    n = distances.shape[1]
+    costs, near, own = _costs(distances_0), _bins(distances), logarithms[:n]
+    among, found = [pairs[:n] for pairs in near], []
+    avoided = np.zeros_like(own)
+    for _ in range(n_hypotheses):
+        beliefs = _settled(own, among, costs, avoided)
         told = _told(near, beliefs, costs)
-        beliefs = 0.5 * beliefs + 0.5 * _softmax(logarithms - np.float32(weight) * told)
-    if more is None or to_samples is None:
-        return beliefs, beliefs
-    told = _told(_bins(to_samples), beliefs, costs)
-    return beliefs, _softmax(more - np.float32(_LAST) * told)
+        everywhere = _softmax(logarithms - np.float32(_LAST) * told)
+        kept = (beliefs * (own - np.float32(_LAST / 2) * told[:n])).sum(axis=1)
+        found.append(Hypothesis(everywhere, float(kept.mean())))
+        close = distances_0[beliefs.argmax(axis=1)] < _AWAY
+        avoided = avoided + np.float32(_AVOIDED) * close
+    return sorted(found, key=lambda one: -one.score)
+
+
+def _settled(
+    logarithms: npt.NDArray[np.float32],
+    among: list[npt.NDArray[np.float32]],
+    costs: list[npt.NDArray[np.float32]],
+    avoided: npt.NDArray[np.float32],
+) -> npt.NDArray[np.float32]:
+    """Return beliefs that do not change any more; what is avoided is so in the first rounds."""
+    beliefs = _softmax(logarithms - avoided)
+    for number, weight in enumerate(np.geomspace(_FIRST, _LAST, _ROUNDS)):
+        left = np.float32(max(0.0, 1 - 2 * number / _ROUNDS))
+        told = np.float32(weight) * _told(among, beliefs, costs)
+        beliefs = (beliefs + _softmax(logarithms - left * avoided - told)) / 2
+    return beliefs
 
 
 def _costs(distances_0: FloatArray) -> list[npt.NDArray[np.float32]]:

@@ -68,7 +68,7 @@ class PartTrust:
         logarithms = np.log(y + _LEAST)
         penalty = _RIDGE * len(X) * np.eye(X.shape[1])
         penalty[0, 0] = 0.0
-        slopes = np.linalg.solve(X.T @ X + penalty, X.T @ logarithms)
+        slopes: FloatArray = np.linalg.solve(X.T @ X + penalty, X.T @ logarithms).astype(np.float64)
         levels, means, right = _by_level(X @ slopes, y)
         signs = np.concatenate([one.laid.signs for one in seen])
         covered = np.concatenate([one.lesson.covered for one in seen])
