@@ -139,7 +139,7 @@ def test_round_trips_of_what_is_covered_come_back(match, creatures):
 
 
 def test_where_a_scan_is_and_how_it_is_turned_does_not_matter(matcher, match, scan):
-    turned = Rotation.random(random_state=5).apply(scan.vertices) + np.array([100.0, -20, 3])
+    turned = Rotation.random(random_state=5).apply(scan.vertices.copy()) + np.array([100.0, -20, 3])
     (moved,) = skfmap.match(matcher, [Mesh(turned, scan.faces)])
     assert (moved.p2p == match.p2p).mean() > 0.95
     assert (moved.covered == match.covered).mean() > 0.98

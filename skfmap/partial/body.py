@@ -74,7 +74,9 @@ class Regions(NamedTuple):
 def shared_regions(vertices: FloatArray, faces: IntArray, areas: FloatArray) -> Regions:
     """Divide a mesh of unit area into regions about well-spread vertices."""
     centres, distances = farthest_vertices(vertices, faces, np.arange(len(vertices)), _N_REGIONS)
-    return Regions(vertices, faces, areas, centres, distances.astype(np.float32))
+    # Files of models hold each array once, and the reference has these.
+    own = (array.copy() for array in (vertices, faces, areas))
+    return Regions(*own, centres, distances.astype(np.float32))
 
 
 class Lesson(NamedTuple):
@@ -128,6 +130,8 @@ class LaidOnPart(NamedTuple):
         Share of the scan that does not lie on the reference.
     likelihood : float
         Mean logarithm of the probability that surroundings give the regions of the answer.
+    strain : float
+        Mean logarithm by which edges are longer or shorter than training shapes explain.
     """
 
     vertices: FloatArray
@@ -139,6 +143,7 @@ class LaidOnPart(NamedTuple):
     signs: FloatArray
     off: float
     likelihood: float
+    strain: float
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -247,6 +252,7 @@ class Body:
             self._signs(scan, vertices, normals, p2p),
             float(off.mean()),
             float(likelihood),
+            float(self.deformation.adapted(vertices).strains(vertices).mean()),
         )
 
     def _signs(
