@@ -27,16 +27,21 @@ _N_REGIONS = 160
 _N_LEARNED = 800
 # How far apart opposite normals are, in sqrt(area).
 _NORMALS = 0.03
-# How much the reference resists, in the end, beside what draws it.
-_STIFFNESS = 0.3
+# How much the reference resists, in the end, beside what draws it, and in how many rounds, where
+# hypotheses are compared and in the end.
+_STIFFNESS, _FEW_ROUNDS, _ROUNDS = 0.3, 4, 9
 # Distance below which the straight line stands for the way along the reference, in sqrt(area).
 _NEAR = 0.1
 # Farther than this, in sqrt(area), or turned away by more, a point does not lie on the other.
 _OFF, _AGREES = 0.04, 0.3
 
 # Where points of a part may belong: so many answers are looked for, and those are laid whose score
-# is this near to that of the best.
-_N_HYPOTHESES, _AS_GOOD = 2, 1.0
+# is this near to that of the best, unless their answers are this near to those of another, in
+# sqrt(area), on average.
+_N_HYPOTHESES, _AS_GOOD, _ALIKE = 3, 4.0, 0.02
+# Distance in space that counts as one deviation when points are asked again, in sqrt(area), and the
+# most squared deviations.
+_NEAR_IN_SPACE, _DISTANT = 0.1, 8.0
 # How much a logarithm of the probability counts beside the share that lies off the reference.
 _OF_LIKELIHOOD = 0.1
 
@@ -75,8 +80,9 @@ def shared_regions(vertices: FloatArray, faces: IntArray, areas: FloatArray) -> 
     """Divide a mesh of unit area into regions about well-spread vertices."""
     centres, distances = farthest_vertices(vertices, faces, np.arange(len(vertices)), _N_REGIONS)
     # Files of models hold each array once, and the reference has these.
-    own = (array.copy() for array in (vertices, faces, areas))
-    return Regions(*own, centres, distances.astype(np.float32))
+    return Regions(
+        vertices.copy(), faces.copy(), areas.copy(), centres, distances.astype(np.float32)
+    )
 
 
 class Lesson(NamedTuple):
@@ -184,22 +190,48 @@ class Body:
         return self.regions.distances[:, self.regions.centres].astype(np.float64)
 
     def lay(self, scan: Scan) -> LaidOnPart:
-        """Return the reference laid onto a scan, by what its points believe in most.
+        """Return the reference laid onto a scan.
 
-        Where a second hypothesis is about as good, the reference is laid by that as well, and what
-        lies better is kept.
+        By each of the hypotheses that are about as good, in a few rounds; what lies best is kept.
+        From there points are asked again, with what is near them in space in mind, and the
+        reference is laid anew.
         """
         logarithms = self.recogniser.logarithms(scan.features[scan.points])
-        found = hypotheses(logarithms, scan.distances, self._apart, _N_HYPOTHESES)
+        along = scan.distances, scan.straight, self._apart
+        found = hypotheses(logarithms, *along, _N_HYPOTHESES)
         laid = [
-            self._laid_by(scan, one, logarithms)
-            for one in found
+            self._laid_by(scan, one, logarithms, _FEW_ROUNDS)
+            for one in self._different(found)
             if one.score >= found[0].score - _AS_GOOD
         ]
-        return min(laid, key=_misfit)
+        best = min(laid, key=_misfit)
+        (again,) = hypotheses(logarithms - self._distant(scan, best), *along, 1)
+        return min(best, self._laid_by(scan, again, logarithms, _ROUNDS), key=_misfit)
+
+    def _different(self, found: Sequence[Hypothesis]) -> list[Hypothesis]:
+        """Return the hypotheses without those that say about the same as one before them."""
+        kept: list[Hypothesis] = []
+        for one in found:
+            regions = one.beliefs.argmax(axis=1)
+            if all(
+                self._apart[regions, other.beliefs.argmax(axis=1)].mean() > _ALIKE for other in kept
+            ):
+                kept.append(one)
+        return kept
+
+    def _distant(self, scan: Scan, laid: LaidOnPart) -> npt.NDArray[np.float32]:
+        """Return how far regions of the laid reference are from points, squared in deviations."""
+        centres = laid.vertices[self.regions.centres]
+        away = scan.vertices[scan.points][:, None] - centres[None]
+        squared = np.einsum("nkd,nkd->nk", away, away) / _NEAR_IN_SPACE**2
+        return (np.minimum(squared, _DISTANT) / 2).astype(np.float32)
 
     def _laid_by(
-        self, scan: Scan, hypothesis: Hypothesis, logarithms: npt.NDArray[np.float32]
+        self,
+        scan: Scan,
+        hypothesis: Hypothesis,
+        logarithms: npt.NDArray[np.float32],
+        n_rounds: int,
     ) -> LaidOnPart:
         regions = self.regions
         places, belief = believed_places(
@@ -220,6 +252,7 @@ class Body:
             (scan.vertices, scan.faces),
             start,
             stiffness=_STIFFNESS,
+            n_rounds=n_rounds,
         )
         return self._judged(scan, vertices, logarithms, hypothesis.beliefs, belief)
 
@@ -287,4 +320,4 @@ def nearest_with_normals(
 
 def _misfit(laid: LaidOnPart) -> float:
     """Return how badly the reference lies, by space and by the surroundings of points."""
-    return laid.off - _OF_LIKELIHOOD * laid.likelihood
+    return laid.off + laid.strain - _OF_LIKELIHOOD * laid.likelihood

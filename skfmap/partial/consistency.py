@@ -43,6 +43,7 @@ class Hypothesis(NamedTuple):
 def hypotheses(
     logarithms: npt.NDArray[np.float32],
     distances: FloatArray,
+    straight: FloatArray,
     distances_0: FloatArray,
     n_hypotheses: int,
 ) -> list[Hypothesis]:
@@ -60,6 +61,9 @@ def hypotheses(
     distances : ndarray of shape (n_points, n_samples)
         Distances along the scan from the first ``n_samples`` points, in sqrt(area) of the
         reference; infinite between pieces.
+    straight : ndarray of shape (n_points, n_samples)
+        Distances on the straight line, than which no way is shorter: they are what is known between
+        pieces.
     distances_0 : ndarray of shape (n_regions, n_regions)
         Distances of regions along the reference.
     n_hypotheses : int
@@ -71,7 +75,7 @@ def hypotheses(
         The best first.
     """
     n = distances.shape[1]
-    costs, near, own = _costs(distances_0), _bins(distances), logarithms[:n]
+    costs, near, own = _costs(distances_0), _bins(distances, straight), logarithms[:n]
     among, found = [pairs[:n] for pairs in near], []
     avoided = np.zeros_like(own)
     for _ in range(n_hypotheses):
@@ -101,23 +105,30 @@ def _settled(
 
 
 def _costs(distances_0: FloatArray) -> list[npt.NDArray[np.float32]]:
-    """Return, for each bin of distances on a scan, what pairs of regions cost."""
-    found = []
+    """Return, for each bin of distances on a scan, what pairs of regions cost.
+
+    First of distances along it, then of straight lines, than which ways may be as long as they are.
+    """
+    along, across = [], []
     for number in range(round(_FARTHEST / _BIN)):
         apart = (number + 0.5) * _BIN
-        off = distances_0 - apart
-        width = (_CONSTANT + _SHARE * apart) * np.where(off < 0, _AROUND, 1.0)
-        found.append(np.minimum(np.square(off / width), _MOST).astype(np.float32))
-    return found
+        off, width = distances_0 - apart, _CONSTANT + _SHARE * apart
+        shorter = np.where(off < 0, _AROUND, 1.0)
+        along.append(np.minimum(np.square(off / width / shorter), _MOST).astype(np.float32))
+        over = np.square(np.minimum(off, 0.0) / width)
+        across.append(np.minimum(over, _MOST).astype(np.float32))
+    return along + across
 
 
-def _bins(distances: FloatArray) -> list[npt.NDArray[np.float32]]:
+def _bins(distances: FloatArray, straight: FloatArray) -> list[npt.NDArray[np.float32]]:
     """Return which pairs of points each bin holds, as shares of all pairs of a point."""
-    numbers = np.full(distances.shape, -1)
+    n_bins, numbers = round(_FARTHEST / _BIN), np.full(distances.shape, -1)
     usable = (distances < _FARTHEST) & (distances > 0)
     numbers[usable] = (distances[usable] / _BIN).astype(np.int64)
+    apart = ~np.isfinite(distances) & (straight < _FARTHEST)
+    numbers[apart] = n_bins + (straight[apart] / _BIN).astype(np.int64)
     counts = np.maximum((numbers >= 0).sum(axis=1, keepdims=True), 1)
-    return [((numbers == b) / counts).astype(np.float32) for b in range(round(_FARTHEST / _BIN))]
+    return [((numbers == b) / counts).astype(np.float32) for b in range(2 * n_bins)]
 
 
 def _told(
@@ -128,6 +139,8 @@ def _told(
     """Return the mean cost of each region at each point, by what the others believe."""
     total = np.zeros((len(near[0]), beliefs.shape[1]), dtype=np.float32)
     for pairs, cost in zip(near, costs, strict=True):
+        if not pairs.any():
+            continue
         total += (pairs @ beliefs) @ cost
     return total
 

@@ -22,8 +22,8 @@ _N_POINTS = 2000
 _REACH, _REACH_AT_LAST = 0.1, 0.03
 # Cosine of the angle within which normals agree: 60 degrees.
 _AGREES = 0.5
-# The stiffness falls from so many times what it ends with, in so many rounds of so many turns.
-_STIFFER, _ROUNDS, _TURNS = 100.0, 9, 2
+# The stiffness falls from so many times what it ends with, in rounds of so many turns.
+_STIFFER, _TURNS = 100.0, 2
 
 
 def believed_places(
@@ -93,6 +93,7 @@ def lay_on_part(
     start: FloatArray,
     *,
     stiffness: float,
+    n_rounds: int,
 ) -> FloatArray:
     """Return the reference drawn to a part, softer from round to round.
 
@@ -112,13 +113,15 @@ def lay_on_part(
         Coordinates to begin with.
     stiffness : float
         Of the last round, beside a mean of 1 with which the part draws a vertex.
+    n_rounds : int
+        How many.
     """
     target, normals_i = ClosestPoints(*part), vertex_normals(*part)
     rows = farthest_points(part[0], _N_POINTS)
     points, normals_i = part[0][rows], normals_i[rows]
     vertices, draw = start, areas / areas.mean()
-    stiffnesses = np.geomspace(_STIFFER * stiffness, stiffness, _ROUNDS)
-    for now, reach in zip(stiffnesses, np.geomspace(_REACH, _REACH_AT_LAST, _ROUNDS), strict=True):
+    stiffnesses = np.geomspace(_STIFFER * stiffness, stiffness, n_rounds)
+    for now, reach in zip(stiffnesses, np.geomspace(_REACH, _REACH_AT_LAST, n_rounds), strict=True):
         normals = vertex_normals(vertices, faces)
         near = target.of(vertices)
         agree = np.einsum("na,na->n", normals, near.normals) > _AGREES

@@ -539,7 +539,7 @@ def _on_given(
         matrix=matrix,
         inverse=inverse,
         reference_hash=spectral_0.given_hash,
-        misfit=laid.off / max(matcher.trust_.worst_off, 1e-3),
+        misfit=laid.strain / matcher.trust_.usual_strain,
         familiar=familiar,
         covered=covered,
         covered_probability=probability,

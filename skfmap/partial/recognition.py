@@ -18,7 +18,7 @@ __all__ = ["Recogniser", "features_of"]
 # How far surroundings reach, and how far the rim is told, in sqrt(area) of the reference.
 _SCALES, _REACH = (0.03, 0.05, 0.08, 0.13, 0.2, 0.3), 0.3
 # Of the network.
-_HIDDEN, _BATCH, _DECAY, _PASSES = (192,), 256, 1e-3, 20
+_HIDDEN, _BATCH, _DECAY, _PASSES = (192,), 1024, 0.1, 12
 # Standardised features beyond so many deviations count as that.
 _MOST_DEVIATIONS = 5.0
 # Least probability of a region: no point is known for certain.
@@ -66,7 +66,11 @@ class Recogniser:
         X, y = np.concatenate(features), np.concatenate(labels)
         centre, scale = X.mean(axis=0), X.std(axis=0) + np.float32(1e-6)
         network = MLPClassifier(
-            _HIDDEN, alpha=_DECAY, batch_size=_BATCH, max_iter=_PASSES, random_state=0
+            _HIDDEN,
+            alpha=_DECAY,
+            batch_size=min(_BATCH, max(len(y) // 16, 1)),
+            max_iter=_PASSES,
+            random_state=0,
         )
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", ConvergenceWarning)

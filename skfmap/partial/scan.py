@@ -39,6 +39,10 @@ class Scan:
     vertices: FloatArray
     faces: IntArray
 
+    def __getstate__(self) -> dict[str, object]:
+        """Return what goes to another process: all but the search tree, which is made again."""
+        return {name: value for name, value in vars(self).items() if name != "surface"}
+
     @cached_property
     def normals(self) -> FloatArray:
         """Of the vertices."""
@@ -69,6 +73,12 @@ class Scan:
         """Distances along the scan of these points from the first of them."""
         away = edge_path_distances(self.vertices, self.faces, self.points[:N_SAMPLES])
         return np.asarray(away[:, self.points].T)
+
+    @cached_property
+    def straight(self) -> FloatArray:
+        """Distances of these points from the first of them on the straight line."""
+        at = self.vertices[self.points]
+        return np.asarray(np.linalg.norm(at[:, None] - at[None, :N_SAMPLES], axis=2))
 
 
 def scan_of(vertices: FloatArray, faces: IntArray, unit: float, max_vertices: int | None) -> Scan:

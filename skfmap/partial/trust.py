@@ -19,9 +19,9 @@ _LEAST, _RIDGE = 0.005, 1e-2
 _N_BINS = 15
 # Error within which a match counts as right, in sqrt(area); as in `Match.confidence`.
 _RIGHT = 0.1
-# A scan is unlike the training shapes if so many times the share of it lies off the reference as of
-# the worst part, and this at least.
-_TIMES, _AT_LEAST = 1.5, 0.15
+# A scan is unlike the training shapes if the share of it that lies off the reference, or the strain
+# of that, is so many times what this share of parts kept below; the former is this at least.
+_TIMES, _USUAL, _AT_LEAST = 1.5, 0.9, 0.15
 # Distance from the rim that counts, in sqrt(area).
 _REACH = 0.3
 
@@ -45,8 +45,8 @@ class PartTrust:
         Regressed logarithms, and the mean error and the share of right matches there.
     cover : ndarray of shape (n_signs + 1,)
         Of the logit of the probability that a vertex of the reference is covered.
-    worst_off : float
-        Largest share of a part that lay off the reference.
+    usual_off, usual_strain : float
+        Share of a part that lies off the reference, and strain of that, below which most kept.
     mean_error : float
         On the parts left out, in sqrt(area).
     """
@@ -56,7 +56,8 @@ class PartTrust:
     errors: FloatArray
     right: FloatArray
     cover: FloatArray
-    worst_off: float
+    usual_off: float
+    usual_strain: float
     mean_error: float
 
     @classmethod
@@ -79,7 +80,8 @@ class PartTrust:
             means,
             right,
             np.append(model.coef_[0], model.intercept_[0]),
-            max(one.laid.off for one in seen),
+            float(np.quantile([one.laid.off for one in seen], _USUAL)),
+            float(np.quantile([one.laid.strain for one in seen], _USUAL)),
             float(np.mean([error.mean() for error in errors])),
         )
 
@@ -95,7 +97,8 @@ class PartTrust:
 
     def is_familiar(self, laid: LaidOnPart) -> bool:
         """Tell whether a scan lies on the reference as parts of training shapes do."""
-        return bool(laid.off <= max(_TIMES * self.worst_off, _AT_LEAST))
+        off = max(_TIMES * self.usual_off, _AT_LEAST)
+        return bool(laid.off <= off and laid.strain <= _TIMES * self.usual_strain)
 
 
 def is_right(error: FloatArray) -> BoolArray:
@@ -119,6 +122,7 @@ def _columns(scan: Scan, laid: LaidOnPart) -> FloatArray:
             np.full(n, laid.off),
             np.full(n, 1 - laid.belief.mean()),
             np.full(n, laid.likelihood),
+            np.full(n, laid.strain),
         ]
     )
 
