@@ -15,7 +15,7 @@ from skfmap.learner import (
     predict_landmarks,
     register,
 )
-from skfmap.partial import PartialMatcher
+from skfmap.partial.matcher import PartialMatcher
 from skfmap.shapes import (
     Correspondence,
     Landmarks,

@@ -178,7 +178,7 @@ def test_a_hole_as_small_as_an_eye_leaves_a_shape_whole(matcher, creatures):
 
 
 def test_what_does_not_belong_to_the_body_is_told(matcher, match, scan):
-    """A plate apart from the scan, as of a sign, has no answer, and does not change that of the scan.
+    """A plate apart from the scan, has no answer, and does not change that of the scan.
 
     Pieces smaller than debris are not looked at, so it has a few per cent of the area.
     """

@@ -85,7 +85,7 @@ def hypotheses(
         kept = (beliefs * (own - np.float32(_LAST / 2) * told[:n])).sum(axis=1)
         found.append(Hypothesis(everywhere, float(kept.mean())))
         close = distances_0[beliefs.argmax(axis=1)] < _AWAY
-        avoided = avoided + np.float32(_AVOIDED) * close
+        avoided = (avoided + _AVOIDED * close).astype(np.float32)
     return sorted(found, key=lambda one: -one.score)
 
 
@@ -100,7 +100,8 @@ def _settled(
     for number, weight in enumerate(np.geomspace(_FIRST, _LAST, _ROUNDS)):
         left = np.float32(max(0.0, 1 - 2 * number / _ROUNDS))
         told = np.float32(weight) * _told(among, beliefs, costs)
-        beliefs = (beliefs + _softmax(logarithms - left * avoided - told)) / 2
+        now = _softmax(logarithms - left * avoided - told)
+        beliefs = np.asarray((beliefs + now) / 2, dtype=np.float32)
     return beliefs
 
 

@@ -29,7 +29,7 @@ from skfmap.partial.cuts import Cut, make_cuts
 from skfmap.partial.scan import Scan, area_and_rim, scan_of
 from skfmap.partial.trust import PartTrust, Seen
 from skfmap.refinement import Refinement
-from skfmap.registration import Registration, lay_on_training
+from skfmap.registration.part import Registration, lay_on_training
 from skfmap.shapes import Match, Mesh
 from skfmap.shapes.usable import Answer, describe
 

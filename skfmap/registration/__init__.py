@@ -1,7 +1,7 @@
 """The reference laid onto each shape: its mesh in the shape's form, and points from there."""
 
 from skfmap.registration.deformation import Deformation
-from skfmap.registration.part import Laid, Registration, lay_on_training
+from skfmap.registration.part import Laid, Registration
 from skfmap.registration.quality import Limits, Quality
 
-__all__ = ["Deformation", "Laid", "Limits", "Quality", "Registration", "lay_on_training"]
+__all__ = ["Deformation", "Laid", "Limits", "Quality", "Registration"]
