@@ -5,6 +5,7 @@ import warnings
 
 import numpy as np
 import pytest
+import trimesh
 from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 from sklearn.base import clone
@@ -17,10 +18,12 @@ from skfmap.exceptions import SkippedShapeWarning, UnfamiliarShapeWarning
 from skfmap.functional.samples import farthest_points
 from skfmap.geometry.closest import ClosestPoints
 from skfmap.geometry.cutting import rim_length
+from skfmap.geometry.faults import count_components
 from skfmap.geometry.geodesics import edge_path_distances
 from skfmap.geometry.normals import vertex_normals
 from skfmap.partial import Cut, DiscCut, LimbCut, PlaneCut, ViewCut
 from skfmap.partial.consistency import hypotheses
+from skfmap.partial.scan import scan_of
 from skfmap.persistence import load_model, save_model
 
 CUTS = [PlaneCut, LimbCut, DiscCut, ViewCut]
@@ -220,6 +223,21 @@ def test_another_kind_of_body_is_told(matcher, collection, creatures):
     with pytest.warns(UnfamiliarShapeWarning, match=r"X\[0\] \('bumpy'\)"):
         (found,) = skfmap.match(matcher, [strange])
     assert found.familiar is False
+
+
+def test_fine_scans_of_several_pieces_are_thinned(matcher, match, scan):
+    """Each triangle is cut in four, and an end of the scan is cut off."""
+    fine = trimesh.remesh.subdivide(scan.vertices, scan.faces)
+    n, low = len(fine[0]), np.quantile(scan.vertices[:, 0], 0.3)
+    cut = (fine[0][fine[1], 0] < low).sum(axis=1)
+    faces = fine[1][(cut == 0) | (cut == 3)]
+    thin = scan_of(fine[0], faces, matcher.unit_, n // 4)
+    assert len(thin.vertices) <= n // 4 + 40
+    assert count_components(thin.faces, len(thin.vertices)) >= 2
+    near = ClosestPoints(scan.vertices / matcher.unit_, scan.faces).of(thin.vertices)
+    assert near.distances.max() < 0.03
+    assert thin.from_rim.max() < np.inf
+    assert len(scan_of(fine[0], faces, matcher.unit_, None).vertices) > 0.9 * n
 
 
 def test_models_survive_files(matcher, match, scan, tmp_path):

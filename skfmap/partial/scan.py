@@ -10,7 +10,7 @@ from skfmap._tools.types import FloatArray, IntArray
 from skfmap.functional.samples import farthest_points
 from skfmap.geometry.closest import ClosestPoints
 from skfmap.geometry.cutting import keep_faces, rim_length, without_crumbs
-from skfmap.geometry.faults import is_wound_consistently, nonmanifold_edges, sound_faces
+from skfmap.geometry.faults import components, sound_faces
 from skfmap.geometry.geodesics import edge_path_distances
 from skfmap.geometry.local_features import rim_distances
 from skfmap.geometry.mending import mend
@@ -24,6 +24,8 @@ __all__ = ["Scan", "area_and_rim", "scan_of"]
 N_POINTS, N_SAMPLES = 1500, 120
 # Pieces below this share of the area are not looked at, as debris is not.
 _CRUMB = 0.005
+# Vertices that a piece keeps at least when a scan is thinned.
+_LEAST = 20
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -98,12 +100,21 @@ def scan_of(vertices: FloatArray, faces: IntArray, unit: float, max_vertices: in
     areas_unit = area_and_rim(*found)[0]
     found = without_crumbs(*found, _CRUMB * areas_unit)
     if max_vertices is not None and len(found[0]) > max_vertices:
-        if len(nonmanifold_edges(found[1])) or not is_wound_consistently(found[1]):
-            mended = mend(*found)
-            found = mended.vertices, mended.faces
-        thinned = thin(*found, max_vertices)
-        found = thinned.vertices, thinned.faces
+        found = _thinned(*found, max_vertices / len(found[0]))
     return Scan(np.ascontiguousarray(found[0]), np.ascontiguousarray(found[1], dtype=np.int64))
+
+
+def _thinned(vertices: FloatArray, faces: IntArray, share: float) -> tuple[FloatArray, IntArray]:
+    """Return a mesh with a share of its vertices, piece by piece, mended if need be."""
+    pieces, found, n = components(faces, len(vertices))[faces[:, 0]], [], 0
+    for piece in np.unique(pieces):
+        own = keep_faces(vertices, faces, pieces == piece)
+        mended = mend(*own)
+        thinned = thin(mended.vertices, mended.faces, max(int(share * len(own[0])), _LEAST))
+        found.append((thinned.vertices, thinned.faces + n))
+        n += len(thinned.vertices)
+    all_vertices, all_faces = (np.concatenate(part) for part in zip(*found, strict=True))
+    return all_vertices, all_faces
 
 
 def area_and_rim(vertices: FloatArray, faces: IntArray) -> tuple[float, float]:
