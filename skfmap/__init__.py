@@ -17,6 +17,7 @@ from skfmap.learner import (
     predict_landmarks,
     register,
 )
+from skfmap.partial.matcher import PartialMatcher
 from skfmap.shapes import (
     Correspondence,
     Landmarks,
@@ -102,6 +103,7 @@ __all__ = [
     "Landmarks",
     "Match",
     "Mesh",
+    "PartialMatcher",
     "ProbedShape",
     "Registered",
     "SpectralBasis",
@@ -134,6 +136,7 @@ _SUBMODULES = (
     "learner",
     "metrics",
     "model_selection",
+    "partial",
     "persistence",
     "plotting",
     "refinement",

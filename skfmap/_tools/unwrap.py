@@ -28,9 +28,11 @@ def last_step(model: Any) -> Any:
 
 
 def fitted_learner(model: Any) -> Any:
-    """Return the fitted learner at the end of ``model``; that of a bridged one is inside it."""
+    """Return the fitted learner at the end of ``model``; that of a meta-estimator is inside it."""
     learner = last_step(model)
-    return getattr(learner, "estimator_", learner)
+    while hasattr(learner, "estimator_"):
+        learner = last_step(learner.estimator_)
+    return learner
 
 
 def _unwrap(model: Any) -> tuple[Any, list[Any]]:

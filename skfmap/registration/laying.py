@@ -12,7 +12,7 @@ from skfmap.geometry.elasticity import ElasticSurface, nearest_rotations
 from skfmap.geometry.normals import vertex_normals
 from skfmap.registration.deformation import Deformation
 
-__all__ = ["Anchors", "flipped_faces", "lay", "lay_on_points", "unfold"]
+__all__ = ["Anchors", "flipped_faces", "lay", "lay_on_points", "relaxed", "unfold"]
 
 # How strongly matched points draw, beside edges of weight about 1; of 0.01 to 0.2 all did as well.
 _DRAW = 0.05
@@ -75,7 +75,7 @@ def lay_on_points(deformation: Deformation, anchors: Anchors, start: FloatArray)
     vertices, weights, elastic = start, anchors.weights, deformation.mean
     for _ in range(_POINT_ROUNDS):
         drawn = anchors._replace(weights=_DRAW * weights)
-        vertices = _solved(elastic, 1.0, vertices, drawn, n_turns=1)
+        vertices = relaxed(elastic, 1.0, vertices, drawn, n_turns=1)
         elastic = deformation.adapted(vertices)
         off = np.linalg.norm(anchors.places @ vertices - anchors.points, axis=1)
         weights = anchors.weights / np.square(1 + np.square(off / _WRONG))
@@ -126,7 +126,7 @@ def lay(
         weights = draw * np.exp(-np.square(near.distances / _REACH) / 2) * (agree & ~near.on_rim)
         drawn = Anchors(sp.eye_array(len(vertices), format="csr"), near.points, weights)
         elastic = deformation.adapted(vertices)
-        vertices = _solved(elastic, float(now), vertices, drawn, anchors, n_turns=_TURNS)
+        vertices = relaxed(elastic, float(now), vertices, drawn, anchors, n_turns=_TURNS)
     return vertices
 
 
@@ -194,7 +194,7 @@ def _following(elastic: ElasticSurface, vertices: FloatArray, free: BoolArray) -
     return followed
 
 
-def _solved(
+def relaxed(
     elastic: ElasticSurface,
     stiffness: float,
     vertices: FloatArray,

@@ -42,7 +42,7 @@ from skfmap.registration.laying import Anchors, flipped_faces, lay, lay_on_point
 from skfmap.registration.quality import Limits, Quality, assess
 from skfmap.shapes import SpectralShape
 
-__all__ = ["Laid", "Registration"]
+__all__ = ["Laid", "Registration", "lay_on_training"]
 
 # Stiffnesses that training shapes choose among, beside a mean of 1 with which the surface draws.
 _STIFFNESSES = (30.0, 3.0, 0.3, 0.03)
@@ -628,3 +628,32 @@ def _matched_in_space(
         spectral.evecs[:, :n], spectral_0.evecs[:, :n], spectral.mass, spectral_0.mass, p2p, inverse
     )
     return PointMatch(match.learned_map, C, points_i, points_0, p2p, inverse)
+
+
+def lay_on_training(training: Any, matcher: Any, start: Refinement | None) -> list[FloatArray]:
+    """Return the reference laid onto training shapes by their known pairs.
+
+    Parameters
+    ----------
+    training : TrainingSet
+        Training shapes; those that have a share, ``training.used``, are laid onto.
+    matcher : Matcher
+        What was learned from them.
+    start : Refinement or None
+        A fitted refinement, which helps where pairs are few.
+
+    Returns
+    -------
+    list of ndarray of shape (n_vertices_0, 3)
+        Coordinates of the reference's working vertices on each, at its unit area.
+    """
+    pose, spectral_0 = _pose(training), training.reference.spectral
+    begun = replace(matcher, refinement=start)
+    samples = [_sample(begun, training, i, pose) for i in training.used]
+    return map_shapes(
+        _lay_by_pairs,
+        ((spectral_0, one) for one in samples),
+        n_jobs=training.n_jobs,
+        verbose=0,
+        prefer="threads",
+    )

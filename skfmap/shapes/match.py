@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 import scipy.sparse as sp
 
-from skfmap._tools.types import FloatArray, IntArray, SparseMatrix
+from skfmap._tools.types import BoolArray, FloatArray, IntArray, SparseMatrix
 from skfmap._tools.validation import as_array, check_number, label
 from skfmap.shapes import outlets
 from skfmap.shapes.given_mesh import GivenMesh
@@ -65,6 +65,11 @@ class Match:
     familiar : bool or None
         Whether the shape is like the training shapes: False where `UnfamiliarShapeWarning` named
         it. None if nothing tells: the learner calibrates no errors, and lays no mesh onto shapes.
+    covered : ndarray of bool, shape (n_vertices_0,), or None
+        Which vertices of the reference the shape shows; all where it is whole. None unless a
+        `skfmap.PartialMatcher` matched it.
+    covered_probability : ndarray of shape (n_vertices_0,) or None
+        How likely each of them is to be shown.
     given, reference_given : GivenMesh or None
         The meshes of S_i and S_0, or where they are to be found again; ``mesh`` and
         ``reference_mesh`` open them.
@@ -91,6 +96,8 @@ class Match:
     reference_hash: str | None = None
     misfit: float = float("nan")
     familiar: bool | None = None
+    covered: BoolArray | None = None
+    covered_probability: FloatArray | None = None
     given: GivenMesh | None = None
     reference_given: GivenMesh | None = None
 

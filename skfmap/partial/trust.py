@@ -1,0 +1,137 @@
+"""How far a match of a part can be trusted, learned from parts of training shapes left out."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import NamedTuple, Self
+
+import numpy as np
+from sklearn.linear_model import LogisticRegression
+
+from skfmap._tools.types import BoolArray, FloatArray
+from skfmap.partial.body import LaidOnPart, Lesson, Regions
+from skfmap.partial.scan import Scan
+
+__all__ = ["PartTrust", "Seen"]
+
+# Least error, in sqrt(area), that logarithms are taken of, and the penalty of the regression.
+_LEAST, _RIDGE = 0.005, 1e-2
+# Vertices, by the error that the regression expects, among which the mean error is taken.
+_N_BINS = 15
+# Error within which a match counts as right, in sqrt(area); as in `Match.confidence`.
+_RIGHT = 0.1
+# A scan is unlike the training shapes if the share of it that lies off the reference, or the strain
+# of that, is so many times what this share of parts kept below; the former is this at least.
+_TIMES, _USUAL, _AT_LEAST = 1.5, 0.9, 0.15
+# Distance from the rim that counts, in sqrt(area).
+_REACH = 0.3
+
+
+class Seen(NamedTuple):
+    """A training part that was left out, and how the reference was laid onto it."""
+
+    lesson: Lesson
+    laid: LaidOnPart
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class PartTrust:
+    """What matches of parts showed.
+
+    Attributes
+    ----------
+    slopes : ndarray of shape (n_columns,)
+        Of the logarithm of the error.
+    levels, errors, right : ndarray of shape (n_bins,)
+        Regressed logarithms, and the mean error and the share of right matches there.
+    cover : ndarray of shape (n_signs + 1,)
+        Of the logit of the probability that a vertex of the reference is covered.
+    usual_off, usual_strain : float
+        Share of a part that lies off the reference, and strain of that, below which most kept.
+    mean_error : float
+        On the parts left out, in sqrt(area).
+    """
+
+    slopes: FloatArray
+    levels: FloatArray
+    errors: FloatArray
+    right: FloatArray
+    cover: FloatArray
+    usual_off: float
+    usual_strain: float
+    mean_error: float
+
+    @classmethod
+    def learned(cls, seen: Sequence[Seen], regions: Regions) -> Self:
+        """Learn from parts of training shapes that were left out."""
+        columns = [_columns(one.lesson.scan, one.laid) for one in seen]
+        errors = [regions.ways(one.lesson.vertices_0, one.laid.p2p) for one in seen]
+        X, y = np.concatenate(columns), np.concatenate(errors)
+        logarithms = np.log(y + _LEAST)
+        penalty = _RIDGE * len(X) * np.eye(X.shape[1])
+        penalty[0, 0] = 0.0
+        slopes: FloatArray = np.linalg.solve(X.T @ X + penalty, X.T @ logarithms).astype(np.float64)
+        levels, means, right = _by_level(X @ slopes, y)
+        signs = np.concatenate([one.laid.signs for one in seen])
+        covered = np.concatenate([one.lesson.covered for one in seen])
+        model = LogisticRegression().fit(signs, covered)
+        return cls(
+            slopes,
+            levels,
+            means,
+            right,
+            np.append(model.coef_[0], model.intercept_[0]),
+            float(np.quantile([one.laid.off for one in seen], _USUAL)),
+            float(np.quantile([one.laid.strain for one in seen], _USUAL)),
+            float(np.mean([error.mean() for error in errors])),
+        )
+
+    def assess(self, scan: Scan, laid: LaidOnPart) -> tuple[FloatArray, FloatArray]:
+        """Return the error to expect at each vertex of a scan, and how often such are right."""
+        at = _columns(scan, laid) @ self.slopes
+        return np.interp(at, self.levels, self.errors), np.interp(at, self.levels, self.right)
+
+    def coverage(self, laid: LaidOnPart) -> FloatArray:
+        """Return the probability that each vertex of the reference is covered."""
+        logit = laid.signs @ self.cover[:-1] + self.cover[-1]
+        return np.asarray(1 / (1 + np.exp(-logit)))
+
+    def is_familiar(self, laid: LaidOnPart) -> bool:
+        """Tell whether a scan lies on the reference as parts of training shapes do."""
+        off = max(_TIMES * self.usual_off, _AT_LEAST)
+        return bool(laid.off <= off and laid.strain <= _TIMES * self.usual_strain)
+
+
+def is_right(error: FloatArray) -> BoolArray:
+    """Tell which errors are small."""
+    return error < _RIGHT
+
+
+def _columns(scan: Scan, laid: LaidOnPart) -> FloatArray:
+    """Return what errors are regressed on, at each vertex of a scan; a constant first."""
+    n = len(laid.p2p)
+    disagreement = np.log(laid.disagreement + 0.02)
+    return np.column_stack(
+        [
+            np.ones(n),
+            disagreement,
+            np.log(laid.away + _LEAST),
+            1 - laid.facing,
+            1 - laid.belief,
+            np.minimum(scan.from_rim, _REACH) / _REACH,
+            np.full(n, disagreement.mean()),
+            np.full(n, laid.off),
+            np.full(n, 1 - laid.belief.mean()),
+            np.full(n, laid.likelihood),
+            np.full(n, laid.strain),
+        ]
+    )
+
+
+def _by_level(levels: FloatArray, errors: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return mean errors by what was regressed, never falling, and shares of right matches."""
+    order = np.argsort(levels, kind="stable")
+    parts = np.array_split(order, min(_N_BINS, len(order)))
+    at = np.array([levels[part].mean() for part in parts])
+    means = np.maximum.accumulate([errors[part].mean() for part in parts])
+    right = np.minimum.accumulate([is_right(errors[part]).mean() for part in parts])
+    return at, np.asarray(means), np.asarray(right)

@@ -1,0 +1,223 @@
+"""Parts of unseen shapes matched to the whole reference, beside the plain match.
+
+    python tests/benchmarks/partial.py cats
+    python tests/benchmarks/partial.py faust
+    python tests/benchmarks/partial.py creatures
+
+Two of three cats are learned from and the third is cut; of FAUST, people 0 to 2 are learned from in
+four poses each, and people 3 and 4 are cut in four others; of ten creatures, three are cut. Cuts
+leave about 70 and about 50 % of the area; they are made here with seeds of their own, and all are
+meshed anew, with fewer vertices, so that neither rims nor edges are those of the mesh. Needs the
+data folder (``SKFMAP_DATA``, else ``../shared/data`` beside the checkout) for cats and bodies.
+"""
+
+import argparse
+import contextlib
+import time
+import warnings
+from pathlib import Path
+
+import joblib
+import numpy as np
+from paper_experiment import DATA
+from sklearn.pipeline import make_pipeline
+from threadpoolctl import threadpool_limits
+
+import skfmap
+from skfmap.datasets import load_collection, make_creatures
+from skfmap.geometry.closest import ClosestPoints
+from skfmap.geometry.cutting import clip, keep_faces, smooth_mask, visible_faces, without_crumbs
+from skfmap.geometry.faults import components
+from skfmap.geometry.geodesics import heat_distances
+from skfmap.geometry.normals import vertex_normals
+from skfmap.geometry.thinning import thin
+from skfmap.partial import LimbCut, PlaneCut
+
+SEED = 7
+KEPT = 0.85  # of the vertices, after meshing anew
+
+
+def collection_of(kind):
+    """Return meshes, correspondences, and which are learned from and which are cut."""
+    if kind == "creatures":
+        given, train, test = make_creatures(10, 3000), list(range(7)), [7, 8, 9]
+    elif kind == "cats":
+        given = load_collection(DATA / "tosca_isometric", "cat*", "cat0")
+        n = len(given.meshes)
+        train, test = [i for i in range(n) if i % 3 != 2], [i for i in range(n) if i % 3 == 2]
+    else:
+        given = load_collection(DATA / "faust", "tr_reg_0[0-4]*", "tr_reg_000")
+        train = [10 * person + pose for person in (0, 1, 2) for pose in (0, 3, 6, 9)]
+        test = [10 * person + pose for person in (3, 4) for pose in (1, 4, 7, 8)]
+    return given.meshes, given.correspondences, train, test
+
+
+def seen_part(mesh, share, rng):
+    """Return what is seen from a few places, as many as come nearest to a share of the area."""
+    towards, seen, best = rng.normal(size=3), np.zeros(mesh.n_faces, dtype=bool), None
+    for _ in range(6):
+        seen = seen | visible_faces(mesh.vertices, mesh.faces, towards, n_pixels=300, grazing=0.1)
+        part = clip(mesh.vertices, mesh.faces, smooth_mask(mesh.faces, mesh.n_vertices, seen, 1))
+        off = abs(skfmap.Mesh(*part).area / mesh.area - share)
+        if best is not None and off > best[0]:
+            break
+        best = off, part
+        towards = np.cross(towards, rng.normal(size=3))  # a quarter turn
+    return best[1]
+
+
+def remeshed(vertices, faces):
+    """Return a mesh with fewer vertices, piece by piece."""
+    pieces, found, n = components(faces, len(vertices))[faces[:, 0]], [], 0
+    for piece in np.unique(pieces):
+        own = keep_faces(vertices, faces, pieces == piece)
+        with contextlib.suppress(ValueError):  # too small a piece
+            own = thin(*own, max(int(KEPT * len(own[0])), 20))[:2]
+        found.append((own[0], own[1] + n))
+        n += len(own[0])
+    return tuple(np.concatenate(part) for part in zip(*found, strict=True))
+
+
+def cut(mesh, kind, share, seed):
+    """Return a part of a mesh, turned and shifted."""
+    rng = np.random.default_rng([SEED, *seed])
+    if kind == "views":
+        part = seen_part(mesh, share, rng)
+    else:
+        one = {"planes": PlaneCut, "limbs": LimbCut}[kind](share, share)
+        part = one.part(mesh.vertices, mesh.faces, share, rng)
+    vertices, faces = remeshed(*without_crumbs(*part, 0.01 * mesh.area))
+    return skfmap.Mesh(vertices, faces, f"{mesh.name} {kind} {share}")
+
+
+class Figures:
+    """Measures matches by the known pairs of a whole shape and the reference."""
+
+    def __init__(self, reference, spectral_0):
+        self.reference, self.mass = reference, spectral_0.mass
+        self.known = {}
+
+    def away(self, found, truth):
+        """Return geodesic distances on the reference, in sqrt(area)."""
+        sources, back = np.unique(truth, return_inverse=True)
+        new = [s for s in sources if s not in self.known]
+        if new:
+            rows = heat_distances(self.reference.vertices, self.reference.faces, np.array(new))
+            self.known.update(zip(new, rows / np.sqrt(self.reference.area), strict=True))
+        return np.stack([self.known[s] for s in sources])[back, found]
+
+    def of(self, match, part, mesh, join):
+        """Return the figures of one match."""
+        unit, n_0 = np.sqrt(self.reference.area), self.reference.n_vertices
+        at = mesh.vertices[join.vertices_i]
+        near = ClosestPoints(part.vertices, part.faces).of(at)
+        normals = vertex_normals(mesh.vertices, mesh.faces)[join.vertices_i]
+        shown = (near.distances < 0.01 * unit) & (np.sum(normals * near.normals, axis=1) > 0.5)
+        shown &= ~near.on_rim
+        rows = np.flatnonzero(shown)
+        gaps = np.linalg.norm(at[rows][:, None] - part.vertices[None], axis=2)
+        own = gaps.argmin(axis=1)
+        answered = match.p2p[own] >= 0
+        errors = self.away(match.p2p[own][answered], join.vertices_0[rows][answered])
+        expected = np.nan
+        if match.expected_error is not None:
+            expected = np.nanmean(match.expected_error[own])
+        counts = np.bincount(join.vertices_0, minlength=n_0)
+        share = np.bincount(join.vertices_0, shown, minlength=n_0) / np.maximum(counts, 1)
+        is_known, truth = counts > 0, share > 0.5
+        covered = np.ones(n_0, dtype=bool) if match.covered is None else match.covered
+        area = self.mass * is_known
+        return {
+            "area": part.area / mesh.area,
+            "error": errors.mean() if len(errors) else 1.0,
+            "median": np.median(errors) if len(errors) else 1.0,
+            "expected": expected,
+            "IoU": area @ (covered & truth) / (area @ (covered | truth)),
+            "told wrong": area @ (~covered & truth) / (area @ truth),
+            "told right": area @ (~covered & ~truth) / max(area @ ~truth, 1e-9),
+            "unanswered": 1 - answered.mean(),
+        }
+
+
+def main():
+    parser = argparse.ArgumentParser()
+    parser.add_argument("kind", choices=("cats", "faust", "creatures"))
+    parser.add_argument("--n-test", type=int, help="how many shapes are cut")
+    parser.add_argument("--model", type=Path, help="file that keeps the fitted model")
+    parser.add_argument("--no-plain", action="store_true", help="leave the plain match out")
+    parser.add_argument("--cuts", nargs="+", default=("planes", "limbs", "views"))
+    given = parser.parse_args()
+    meshes, truths, train, test = collection_of(given.kind)
+    test = test[: given.n_test]
+    warnings.simplefilter("ignore")
+    with threadpool_limits(limits=1):
+        model = fitted(given.model, [meshes[i] for i in train], [truths[i] for i in train])
+        rows = measured(model, meshes, truths, test, given)
+    tell(rows)
+
+
+def fitted(path, meshes, truths):
+    """Return the model, from a file if it is kept there."""
+    if path is not None and path.exists():
+        return joblib.load(path)
+    started = time.perf_counter()
+    pipeline = make_pipeline(
+        skfmap.SpectralBasis(),
+        skfmap.DescriptorTransformer(),
+        skfmap.WeightedFunctionalMapLearner(confidence=None),
+    )
+    model = skfmap.PartialMatcher(pipeline).fit(meshes, truths)
+    print(f"fitted in {time.perf_counter() - started:.0f} s", flush=True)
+    if path is not None:
+        joblib.dump(model, path)
+    return model
+
+
+def measured(model, meshes, truths, test, given):
+    """Return a row of figures for each part."""
+    reference = model.estimator_[-1].reference_.spectral.mesh
+    figures = Figures(reference, model.estimator_[-1].reference_.spectral)
+    truth_0 = model.estimator_[-1].reference_correspondence_
+    rows, n_parts, n_differ = [], 0, 0
+    for i in test:
+        join = truths[i].join(truth_0)
+        whole, plain = (skfmap.match(one, [meshes[i]])[0] for one in (model, model.estimator_))
+        n_parts += not whole.covered.all()
+        n_differ += not np.array_equal(whole.p2p, plain.p2p)
+        for number, kind in enumerate(given.cuts):
+            for share in (0.7, 0.5):
+                part = cut(meshes[i], kind, share, [i, number, int(100 * share)])
+                started = time.perf_counter()
+                (match,) = skfmap.match(model, [part])
+                row = {"name": part.name, "kind": kind, "share": share}
+                row["seconds"] = time.perf_counter() - started
+                row["unfamiliar"] = float(match.familiar is False)
+                row |= figures.of(match, part, meshes[i], join)
+                row["plain"] = np.nan
+                if not given.no_plain:
+                    (match,) = skfmap.match(model.estimator_, [part])
+                    row["plain"] = figures.of(match, part, meshes[i], join)["error"]
+                rows.append(row)
+                print(f"{row['name']:<28} {row['error']:.3f} {row['IoU']:.3f}", flush=True)
+    print(f"whole shapes taken for parts: {n_parts} of {len(test)}; answered otherwise: {n_differ}")
+    return rows
+
+
+def tell(rows):
+    """Print means by kind and share, errors in sqrt(area)."""
+    columns = [name for name in rows[0] if name not in ("name", "kind", "share")]
+    print(f"{'':<12}{'scans':>6}" + "".join(f"{name:>12}" for name in [*columns, "> 0.10"]))
+    for kind, share in dict.fromkeys((row["kind"], row["share"]) for row in rows):
+        own = [row for row in rows if (row["kind"], row["share"]) == (kind, share)]
+        means = [np.nanmean([row[name] for row in own]) for name in columns]
+        bad = np.mean([row["error"] > 0.1 for row in own])
+        print(
+            f"{kind:<7}{share:>5}{len(own):>6}"
+            + "".join(f"{value:>12.3f}" for value in [*means, bad])
+        )
+    ratio = np.nanmean([row["expected"] for row in rows]) / np.mean([row["error"] for row in rows])
+    print(f"expected over true error: {ratio:.2f}")
+
+
+if __name__ == "__main__":
+    main()

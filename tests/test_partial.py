@@ -1,0 +1,314 @@
+"""Parts of shapes, matched to the whole reference."""
+
+import pickle
+import warnings
+
+import numpy as np
+import pytest
+import trimesh
+from scipy.spatial import cKDTree
+from scipy.spatial.transform import Rotation
+from sklearn.base import clone
+from sklearn.pipeline import make_pipeline
+
+import skfmap
+from skfmap import Mesh, PartialMatcher
+from skfmap.datasets import make_creatures
+from skfmap.exceptions import SkippedShapeWarning, UnfamiliarShapeWarning
+from skfmap.functional.samples import farthest_points
+from skfmap.geometry.closest import ClosestPoints
+from skfmap.geometry.cutting import rim_length
+from skfmap.geometry.faults import count_components
+from skfmap.geometry.geodesics import edge_path_distances
+from skfmap.geometry.normals import vertex_normals
+from skfmap.partial import Cut, DiscCut, LimbCut, PlaneCut, ViewCut
+from skfmap.partial.consistency import hypotheses
+from skfmap.partial.scan import scan_of
+from skfmap.persistence import load_model, save_model
+
+CUTS = [PlaneCut, LimbCut, DiscCut, ViewCut]
+
+
+@pytest.fixture(scope="module")
+def creatures():
+    return make_creatures(n_shapes=6, n_vertices=600, n_points=400)
+
+
+@pytest.fixture(scope="module")
+def pipeline():
+    return make_pipeline(
+        skfmap.SpectralBasis(40),
+        skfmap.DescriptorTransformer(),
+        skfmap.WeightedFunctionalMapLearner(n_functions=20, confidence=None),
+    )
+
+
+@pytest.fixture(scope="module")
+def matcher(creatures, pipeline):
+    """Return a fitted matcher; do not fit it again or change it."""
+    model = PartialMatcher(pipeline, cuts=["planes", "limbs"], n_cuts=3, n_calibrated=1)
+    return model.fit(creatures.meshes[:5], creatures.correspondences[:5])
+
+
+@pytest.fixture(scope="module")
+def scan(creatures):
+    """Return a part of the sixth creature, cut by a plane that no training shape was cut by."""
+    return PlaneCut(0.6, 0.6).cut(creatures.meshes[5], np.random.default_rng(11))
+
+
+@pytest.fixture(scope="module")
+def match(matcher, scan):
+    return skfmap.match(matcher, [scan])[0]
+
+
+def shown(creatures, scan):
+    """Return which template points a scan of the sixth creature shows, and all its vertices."""
+    at = creatures.meshes[5].vertices[_vertices(creatures, 5)]
+    near = ClosestPoints(scan.vertices, scan.faces).of(at)
+    return (near.distances < 0.02 * np.sqrt(creatures.meshes[0].area)) & ~near.on_rim, at
+
+
+def _vertices(creatures, i):
+    pairs = creatures.correspondences[i].pairs
+    return pairs[np.argsort(pairs[:, 1]), 0]
+
+
+def error_of(match, creatures, scan):
+    """Return the mean distance between answers and truth, in sqrt(area); on the straight line."""
+    reference = creatures.meshes[0]
+    seen, at = shown(creatures, scan)
+    _, own = cKDTree(scan.vertices).query(at[seen])
+    found = match.p2p[own]
+    truth = reference.vertices[_vertices(creatures, 0)[seen]]
+    away = np.linalg.norm(reference.vertices[found] - truth, axis=1)[found >= 0]
+    return away.mean() / np.sqrt(reference.area)
+
+
+@pytest.mark.parametrize("kind", CUTS)
+def test_parts_lie_on_the_shape_and_leave_the_share_of_the_area(kind, creatures):
+    mesh = creatures.meshes[1]
+    for seed in range(3):
+        part = kind(0.5, 0.8).cut(mesh, np.random.default_rng(seed))
+        near = ClosestPoints(mesh.vertices, mesh.faces).of(part.vertices)
+        assert near.distances.max() < 1e-9 * np.sqrt(mesh.area)
+        agree = np.einsum("na,na->n", near.normals, vertex_normals(part.vertices, part.faces))
+        assert np.quantile(agree, 0.1) > 0.7
+        low, high = (0.2, 1.0) if kind is ViewCut else (0.45, 0.85)
+        assert low * mesh.area < part.area < high * mesh.area
+        assert rim_length(part.vertices, part.faces) > 0
+
+
+@pytest.mark.parametrize("kind", CUTS)
+def test_a_seed_makes_one_part(kind, creatures):
+    one, same, other = (
+        kind().cut(creatures.meshes[1], np.random.default_rng(seed)) for seed in (1, 1, 2)
+    )
+    assert one.content_hash == same.content_hash != other.content_hash
+    assert clone(kind(0.2, 0.3)).get_params() == {"low": 0.2, "high": 0.3}
+
+
+def test_a_part_is_matched_and_says_what_it_shows(match, matcher, creatures, scan):
+    seen, _ = shown(creatures, scan)
+    covered = match.covered[_vertices(creatures, 0)]
+    union = (covered & seen).sum() / (covered | seen).sum()
+    assert union > max(0.8, 1.2 * seen.mean())  # to call everything covered has the latter
+    assert error_of(match, creatures, scan) < 0.07
+    assert match.familiar
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        (plain,) = skfmap.match(matcher.estimator_, [scan])
+    assert error_of(plain, creatures, scan) > 3 * error_of(match, creatures, scan)
+
+
+def test_the_answer_is_whole(match, creatures, scan):
+    n_i, n_0 = scan.n_vertices, creatures.meshes[0].n_vertices
+    known = match.p2p >= 0
+    assert match.p2p.shape == match.expected_error.shape == match.confidence.shape == (n_i,)
+    assert match.covered.shape == match.covered_probability.shape == match.inverse.shape == (n_0,)
+    assert np.array_equal(match.covered, match.covered_probability >= 0.5)
+    assert np.array_equal(match.inverse >= 0, match.covered)
+    assert np.array_equal(np.isfinite(match.expected_error), known)
+    assert match.matrix.sum(axis=1) == pytest.approx(known.astype(float))
+    carried = match.transfer(creatures.meshes[0].vertices)
+    assert np.allclose(carried.data[known], creatures.meshes[0].vertices[match.p2p[known]])
+
+
+def test_round_trips_of_what_is_covered_come_back(match, creatures):
+    reference = creatures.meshes[0]
+    at = np.flatnonzero(match.covered)
+    back = match.p2p[match.inverse[at]]
+    away = np.linalg.norm(reference.vertices[at] - reference.vertices[back], axis=1)
+    assert np.median(away) < 0.05 * np.sqrt(reference.area)
+
+
+def test_where_a_scan_is_and_how_it_is_turned_does_not_matter(matcher, match, scan):
+    turned = Rotation.random(random_state=5).apply(scan.vertices.copy()) + np.array([100.0, -20, 3])
+    (moved,) = skfmap.match(matcher, [Mesh(turned, scan.faces)])
+    assert (moved.p2p == match.p2p).mean() > 0.95
+    assert (moved.covered == match.covered).mean() > 0.98
+
+
+def test_what_was_given_is_not_changed_and_answers_are_the_same_for_any_number_of_jobs(
+    matcher, match, scan, creatures
+):
+    before = scan.content_hash
+    again = clone(matcher)  # parameters alone
+    again.__dict__.update({k: v for k, v in vars(matcher).items() if k.endswith("_")})
+    first, second = skfmap.match(again.set_params(n_jobs=2), [scan, scan])
+    for one in (first, second):
+        assert np.array_equal(one.p2p, match.p2p)
+        assert np.array_equal(one.covered_probability, match.covered_probability)
+    assert scan.content_hash == before
+
+
+def test_whole_shapes_are_answered_by_the_pipeline(matcher, creatures):
+    whole = creatures.meshes[5]
+    (one,), (other,) = (skfmap.match(model, [whole]) for model in (matcher, matcher.estimator_))
+    assert np.array_equal(one.p2p, other.p2p)
+    assert np.array_equal(one.functional_map, other.functional_map)
+    assert one.covered.all()
+    assert (one.covered_probability == 1).all()
+    assert other.covered is None
+    maps = skfmap.functional_maps(matcher, [whole])
+    assert np.array_equal(maps[0], one.functional_map)
+    assert np.array_equal(matcher.predict([whole])[0], one.reduced_map)
+
+
+def test_a_hole_as_small_as_an_eye_leaves_a_shape_whole(matcher, creatures):
+    whole = creatures.meshes[5]
+    holed = Mesh(whole.vertices, whole.faces[1:])
+    assert skfmap.match(matcher, [holed])[0].covered.all()
+
+
+def test_what_does_not_belong_to_the_body_is_told(matcher, match, scan):
+    """A plate apart from the scan, has no answer, and does not change that of the scan.
+
+    Pieces smaller than debris are not looked at, so it has a few per cent of the area.
+    """
+    side = 0.15 * np.sqrt(scan.area)
+    plate = scan.vertices.max(axis=0) + side * np.array(
+        [[6.0, 6, 6], [7, 6, 6], [7, 7, 6], [6, 7, 6], [6.5, 6.5, 6]]
+    )
+    n = scan.n_vertices
+    faces = n + np.array([[0, 1, 4], [1, 2, 4], [2, 3, 4], [3, 0, 4]])
+    both = Mesh(np.concatenate([scan.vertices, plate]), np.concatenate([scan.faces, faces]))
+    (found,) = skfmap.match(matcher, [both])
+    assert (found.p2p[n:] == -1).all()
+    assert np.isnan(found.expected_error[n:]).all()
+    assert (found.p2p[:n] == match.p2p).mean() > 0.5
+    assert (found.covered == match.covered).mean() > 0.9
+
+
+def test_a_part_that_is_too_small_is_told_and_not_matched(matcher, creatures, scan):
+    crumb = DiscCut(0.1, 0.1).cut(creatures.meshes[5], np.random.default_rng(0))
+    with pytest.warns(SkippedShapeWarning, match=r"X\[1\] .*too little to say where it belongs"):
+        fine, nothing = skfmap.match(matcher, [scan, crumb])
+    assert (fine.p2p >= 0).any()
+    assert (nothing.p2p == -1).all()
+    assert not nothing.covered.any()
+    assert np.isnan(nothing.covered_probability).all()
+
+
+def test_other_units_are_told(matcher, scan):
+    with pytest.warns(SkippedShapeWarning, match="in the units of the training shapes"):
+        skfmap.match(matcher, [Mesh(10 * scan.vertices, scan.faces)])
+
+
+def test_another_kind_of_body_is_told(matcher, collection, creatures):
+    body = collection.meshes[1]
+    scale = np.sqrt(creatures.meshes[0].area / body.area)
+    strange = PlaneCut(0.7, 0.7).cut(
+        Mesh(scale * body.vertices, body.faces, "bumpy"), np.random.default_rng(0)
+    )
+    with pytest.warns(UnfamiliarShapeWarning, match=r"X\[0\] \('bumpy'\)"):
+        (found,) = skfmap.match(matcher, [strange])
+    assert found.familiar is False
+
+
+def test_fine_scans_of_several_pieces_are_thinned(matcher, match, scan):
+    """Each triangle is cut in four, and an end of the scan is cut off."""
+    fine = trimesh.remesh.subdivide(scan.vertices, scan.faces)
+    n, low = len(fine[0]), np.quantile(scan.vertices[:, 0], 0.3)
+    cut = (fine[0][fine[1], 0] < low).sum(axis=1)
+    faces = fine[1][(cut == 0) | (cut == 3)]
+    thin = scan_of(fine[0], faces, matcher.unit_, n // 4)
+    assert len(thin.vertices) <= n // 4 + 40
+    assert count_components(thin.faces, len(thin.vertices)) >= 2
+    near = ClosestPoints(scan.vertices / matcher.unit_, scan.faces).of(thin.vertices)
+    assert near.distances.max() < 0.03
+    assert thin.from_rim.max() < np.inf
+    assert len(scan_of(fine[0], faces, matcher.unit_, None).vertices) > 0.9 * n
+
+
+def test_models_survive_files(matcher, match, scan, tmp_path):
+    path = tmp_path / "model.skops"
+    save_model(matcher, path)
+    for again in (load_model(path), pickle.loads(pickle.dumps(matcher))):
+        (found,) = skfmap.match(again, [scan])
+        assert np.array_equal(found.p2p, match.p2p)
+        assert np.array_equal(found.expected_error, match.expected_error)
+
+
+def test_two_parts_are_matched_through_the_reference(matcher, match, creatures):
+    other = PlaneCut(0.7, 0.7).cut(creatures.meshes[1], np.random.default_rng(4))
+    (second,) = skfmap.match(matcher, [other])
+    p2p, expected = match.to(second)
+    known = p2p >= 0
+    assert (second.covered[match.p2p[known]]).all()
+    assert np.array_equal(np.isfinite(expected), known)
+
+
+class _Half(Cut):
+    def part(self, vertices, faces, share, rng):
+        height = vertices[faces, 2].mean(axis=1)
+        return vertices, faces[height <= np.quantile(height, share)]
+
+
+def test_cuts_of_ones_own(creatures, pipeline):
+    part = _Half(0.5, 0.5).cut(creatures.meshes[1], np.random.default_rng(0))
+    assert 0.3 < part.area / creatures.meshes[1].area < 0.7
+    model = PartialMatcher(pipeline, cuts=[_Half(), "discs"])
+    assert [type(one) for one in model._check_parameters()] == [_Half, DiscCut]
+
+
+@pytest.mark.parametrize(
+    ("given", "error", "message"),
+    [
+        ({"cuts": "slices"}, ValueError, "cuts must be one of 'planes'"),
+        ({"cuts": PlaneCut}, ValueError, r"Did you mean PlaneCut\(\)"),
+        ({"cuts": PlaneCut(0.9, 0.4)}, ValueError, "high"),
+        ({"cuts": []}, ValueError, "cuts must be"),
+        ({"n_cuts": 0}, ValueError, "n_cuts"),
+        ({"n_calibrated": 7}, ValueError, "n_calibrated"),
+        ({"estimator": skfmap.WeightedFunctionalMapLearner()}, TypeError, "must be a Pipeline"),
+    ],
+)
+def test_wrong_parameters(given, error, message, creatures, pipeline):
+    model = PartialMatcher(**{"estimator": pipeline, **given})
+    with pytest.raises(error, match=message):
+        model.fit(creatures.meshes[:4], creatures.correspondences[:4])
+
+
+def test_too_few_shapes(creatures, pipeline):
+    with pytest.raises(ValueError, match="needs the reference and two more"):
+        PartialMatcher(pipeline).fit(creatures.meshes[:2], creatures.correspondences[:2])
+
+
+def test_distances_correct_what_surroundings_get_wrong(creatures):
+    """A third of the points are told a wrong region; distances to the others put them right."""
+    mesh, rng = creatures.meshes[0], np.random.default_rng(0)
+    unit = np.sqrt(mesh.area)
+    rows = farthest_points(mesh.vertices, 80)
+    apart = edge_path_distances(mesh.vertices / unit, mesh.faces, rows)[:, rows]
+    at = mesh.vertices[rows] / unit
+    straight = np.linalg.norm(at[:, None] - at[None], axis=2)
+    told = np.arange(80)
+    wrong = rng.permutation(80)[:27]
+    told[wrong] = rng.permutation(told[wrong])
+    logarithms = np.full((80, 80), -4.0, dtype=np.float32)
+    logarithms[np.arange(80), told] = -0.5
+    best, _ = hypotheses(logarithms, apart[:, :40], straight[:, :40], apart, 2)[:2]
+    found = best.beliefs.argmax(axis=1)
+    assert apart[told, np.arange(80)].mean() > 0.15
+    assert apart[found, np.arange(80)].mean() < 0.03
+    assert best.beliefs.sum(axis=1) == pytest.approx(1.0, abs=1e-5)
