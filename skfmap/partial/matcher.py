@@ -13,7 +13,7 @@ from sklearn.utils import Tags, get_tags
 from sklearn.utils.validation import check_is_fitted
 
 from skfmap._tools.parallel import map_shapes, tell
-from skfmap._tools.types import FloatArray, IntArray
+from skfmap._tools.types import FloatArray, IntArray, Interpolation, RefineOverride
 from skfmap._tools.validation import check_number
 from skfmap._tools.warn import warn
 from skfmap._version import Versioned
@@ -177,8 +177,8 @@ class PartialMatcher(Versioned, BaseEstimator):
         self,
         X: Sequence[MeshLike],
         *,
-        refine: str | Refinement | None = "fitted",
-        interpolate: str | None = None,
+        refine: RefineOverride | Refinement | None = "fitted",
+        interpolate: Interpolation = None,
     ) -> list[Match]:
         """Match scans, of parts or of whole shapes, to the reference.
 

@@ -101,7 +101,8 @@ def interval(errors, n, rng):
     means = []
     for _ in range(N_RESAMPLED):
         drawn = rng.integers(n, size=n)
-        means.append(np.nanmean(table[np.ix_(drawn, drawn)]))
+        if len(np.unique(drawn)) > 1:
+            means.append(np.nanmean(table[np.ix_(drawn, drawn)]))
     return np.nanquantile(means, [0.025, 0.975])
 
 
