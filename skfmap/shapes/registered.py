@@ -35,15 +35,15 @@ class Registered:
     stretched : float
         Share of the reference's area that is stretched or compressed more than nearly all of the
         training shapes'.
-    energy : float
-        What the deformation takes beyond what training shapes showed; without a unit. It tells
-        which of several ways to lie is right.
     fits : bool
         Whether ``off``, ``uncovered`` and ``stretched`` are like those of training shapes that were
         left out. Where it is False, `UnfamiliarShapeWarning` has named the shape, and the mesh is
         not to be trusted.
     name, reference_name : str or None
         Of the shape and of the reference.
+    energy : float
+        What the deformation takes beyond what training shapes showed; without a unit. It tells
+        which of several ways to lie is right.
     """
 
     vertices: FloatArray
@@ -53,10 +53,10 @@ class Registered:
     off: float
     uncovered: float
     stretched: float
-    energy: float
     fits: bool
     name: str | None = None
     reference_name: str | None = None
+    energy: float = float("nan")
 
     def __repr__(self) -> str:
         """Return a line with the names and how well the reference fits."""
