@@ -17,8 +17,9 @@ __all__ = ["Recogniser", "features_of"]
 
 # How far surroundings reach, and how far the rim is told, in sqrt(area) of the reference.
 _SCALES, _REACH = (0.03, 0.05, 0.08, 0.13, 0.2, 0.3), 0.3
-# Of the network.
-_HIDDEN, _BATCH, _DECAY, _PASSES = (192,), 1024, 0.1, 12
+# Of the network. On 18 parts of bodies, batches of 1,024, a decay of 0.1 and 12 passes give a mean
+# error of 0.122 in half the time, these 0.070.
+_HIDDEN, _BATCH, _DECAY, _PASSES = (192,), 256, 1e-3, 20
 # Standardised features beyond so many deviations count as that.
 _MOST_DEVIATIONS = 5.0
 # Least probability of a region: no point is known for certain.
