@@ -33,7 +33,7 @@ def spelling_message(truths: Sequence[Correspondence], called: Sequence[str]) ->
     ...     Correspondence([[0, 0], [1, 1]], names=names)
     ...     for names in (["nose", "ear"], ["Nose", "ear"])
     ... )
-    >>> spelling_message([one, other], ["X[0]", "X[1]"])[:64]
+    >>> spelling_message([one, other], ["X[0]", "X[1]"])[:62]
     "These names may be two spellings of one: 'nose' and 'Nose' of "
     """
     has = [truth.known_names for truth in truths]

@@ -248,7 +248,6 @@ class Match:
         Examples
         --------
         >>> import numpy as np
-        import numpy.typing as npt
         >>> import scipy.sparse as sp
         >>> from skfmap import Match
         >>> C, error = np.eye(1), np.array([0.01, 0.2])
