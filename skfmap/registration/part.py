@@ -125,6 +125,9 @@ class Registration(Refinement):
         deformation model, for each stiffness.
     limits_ : Limits
         Limits beyond which the reference does not fit a shape.
+    poses_ : ndarray of float32, shape (n_poses, n_vertices_0, 3)
+        The reference laid onto training shapes, 24 at most, where shapes bend: starts for shapes
+        that the match leads to a worse place on than is usual.
 
     Notes
     -----
