@@ -264,6 +264,12 @@ class _Half(Cut):
         return vertices, faces[height <= np.quantile(height, share)]
 
 
+@pytest.mark.parametrize("ask", [skfmap.match_between, skfmap.register, skfmap.predict_landmarks])
+def test_what_parts_cannot_be_asked_is_told(ask, matcher, scan):
+    with pytest.raises(TypeError, match=r"PartialMatcher (matches no pairs|cannot)"):
+        ask(matcher, [scan, scan])
+
+
 def test_cuts_of_ones_own(creatures, pipeline):
     part = _Half(0.5, 0.5).cut(creatures.meshes[1], np.random.default_rng(0))
     assert 0.3 < part.area / creatures.meshes[1].area < 0.7

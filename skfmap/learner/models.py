@@ -69,7 +69,7 @@ def match_between(
     Raises
     ------
     TypeError, ValueError
-        If ``pairs`` does not hold pairs of indices into ``X``.
+        If ``pairs`` does not hold pairs of indices into ``X``, or the model matches no pairs.
 
     Examples
     --------
@@ -90,6 +90,11 @@ def match_between(
     True
     """
     learner, shapes = learner_and_shapes(model, X)
+    if not hasattr(learner, "match_between"):
+        raise TypeError(
+            f"{type(learner).__name__} matches no pairs of new shapes; go over the reference, as "
+            "one.to(other) does for two of its matches, or fit the pipeline inside it by itself."
+        )
     return list(learner.match_between(shapes, pairs))
 
 
