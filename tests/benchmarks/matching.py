@@ -201,6 +201,7 @@ def main():
     parser.add_argument("dataset", choices=[name for name in SETS if name != "women"])
     parser.add_argument("--jobs", type=int, default=2, help="folds at a time")
     parser.add_argument("--bridge", action="store_true", help="let the learner look for a bridge")
+    parser.add_argument("--register", action="store_true", help="also laid; defaults alone")
     parser.add_argument("--all", action="store_true", help="also ICP and ZoomOut as published")
     parser.add_argument("--routes", action="store_true", help="compare old and new route")
     parser.add_argument("--components", type=int, default=120)
@@ -220,6 +221,9 @@ def main():
     if options.routes:
         return compare_routes(shapes, given, scored, folds, tables[0])
     refinements = REFINEMENTS if options.all else (None, "bijective-zoomout")
+    settings = list(SETTINGS.items())
+    if options.register:
+        refinements, settings = (*refinements, "register"), settings[:1]
     print(
         f"{options.dataset}: {len(shapes) - 1} shapes left out in turn, reference {reference}; x "
         "100 / sqrt(area)"
@@ -229,7 +233,7 @@ def main():
         + f"{'direct':>9}{'consist.':>9}" * 2
         + "   match"
     )
-    for name, parameters in SETTINGS.items():
+    for name, parameters in settings:
         how = (parameters, tables, refinements, options.bridge)
         calls = (delayed(run_fold)(shapes, given, scored, split, *how) for split in folds)
         report(name, Parallel(n_jobs=options.jobs)(calls), refinements)
