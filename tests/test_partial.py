@@ -174,6 +174,25 @@ def test_whole_shapes_are_answered_by_the_pipeline(matcher, creatures):
     assert np.array_equal(matcher.predict([whole])[0], one.reduced_map)
 
 
+def test_matches_know_their_meshes_and_names_wherever_whole_shapes_stand(
+    matcher, scan, creatures, tmp_path
+):
+    """Whole shapes go to the pipeline without the others, which must not be told from answers."""
+    whole, reference = creatures.meshes[5], creatures.meshes[0]
+    crumb = DiscCut(0.1, 0.1).cut(whole, np.random.default_rng(0))
+    given = [scan, crumb, whole]
+    with pytest.warns(SkippedShapeWarning, match=r"X\[1\]"):
+        matches = skfmap.match(matcher, [(one.vertices, one.faces) for one in given])
+    for i, (match, mesh) in enumerate(zip(matches, given, strict=True)):
+        assert match.name == match.mesh.name == f"shape {i}"
+        np.testing.assert_array_equal(match.mesh.vertices, mesh.vertices)
+        np.testing.assert_array_equal(match.reference_mesh.vertices, reference.vertices)
+        assert len(match.save(tmp_path)) == 5
+    with np.load(tmp_path / "shape 0.npz", allow_pickle=False) as saved:
+        np.testing.assert_array_equal(saved["covered"], matches[0].covered)
+        np.testing.assert_array_equal(saved["covered_probability"], matches[0].covered_probability)
+
+
 def test_a_hole_as_small_as_an_eye_leaves_a_shape_whole(matcher, creatures):
     whole = creatures.meshes[5]
     holed = Mesh(whole.vertices, whole.faces[1:])

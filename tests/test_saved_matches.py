@@ -102,6 +102,8 @@ def test_the_mesh_of_a_shape_that_was_skipped_is_not_known(fitted, probed):
     skipped = skfmap.shapes.SkippedShape("gone", "it is broken.", 10)
     found = fitted.match([probed[5], skipped])
     assert found[1].given is None
+    with pytest.raises(MeshError, match=r"the shape was skipped.*\.csv or \.npz"):
+        _ = found[1].mesh
     assert found[0].mesh.n_vertices == len(found[0].p2p)
 
 
@@ -155,6 +157,12 @@ def test_a_folder_gets_the_usual_files(turned, tmp_path):
     with pytest.raises(FileExistsError, match=r"overwrite=True"):
         turned.save(tmp_path / "out")
     assert turned.save(tmp_path / "out", overwrite=True) == written[:5]
+
+
+def test_names_that_no_file_can_have_are_changed(turned, tmp_path):
+    for name, stem in {"a/b\\c:d": "a_b_c_d", "one\ntwo\0three": "one_two_three"}.items():
+        paths = replace(turned, name=name).save(tmp_path)
+        assert {path.stem for path in paths} == {stem}
 
 
 def test_a_table_has_a_line_for_each_vertex(match, tmp_path):

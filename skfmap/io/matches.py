@@ -84,9 +84,14 @@ def _targets(match: Match, path: Path, landmarks: Landmarks | None) -> list[Path
         return [check_folder(path)]
     check_folder(path)
     path.mkdir(exist_ok=True)
-    stem = "".join("_" if c in '/\\:*?"<>|' else c for c in match.name or "match")
+    stem = "".join(c if _is_allowed(c) else "_" for c in match.name or "match")
     suffixes = (*_USUAL, *(_OF_LANDMARKS if landmarks is not None else ()))
     return [path / f"{stem}{suffix}" for suffix in suffixes]
+
+
+def _is_allowed(character: str) -> bool:
+    """Tell whether names of files have a character on all systems."""
+    return character.isprintable() and character not in '/\\:*?"<>|'
 
 
 def _suffix(path: Path) -> str | None:
@@ -139,7 +144,8 @@ def _texts(values: FloatArray | None, n: int) -> list[str]:
 def _archive(match: Match) -> bytes:
     """Return all numbers of a match as numpy.load reads them; what is None is left out."""
     names = ("p2p", "expected_error", "confidence", "n_supporting", "inverse", "functional_map")
-    arrays = {name: getattr(match, name) for name in (*names, "reduced_map", "refined_map")}
+    names = (*names, "reduced_map", "refined_map", "covered", "covered_probability")
+    arrays = {name: getattr(match, name) for name in names}
     arrays |= {name: getattr(match, name) for name in ("name", "reference_name", "reference_hash")}
     arrays |= {"misfit": match.misfit, "familiar": match.familiar}
     if match.matrix is not None:

@@ -12,6 +12,7 @@ from sklearn.pipeline import Pipeline
 from sklearn.utils import Tags, get_tags
 from sklearn.utils.validation import check_is_fitted
 
+from skfmap._tools.caching import hash_of_arrays
 from skfmap._tools.parallel import map_shapes, tell
 from skfmap._tools.types import FloatArray, IntArray, Interpolation, RefineOverride
 from skfmap._tools.validation import check_number
@@ -22,6 +23,7 @@ from skfmap.geometry.faults import sound_faces
 from skfmap.geometry.normals import vertex_normals
 from skfmap.io import MeshLike, as_arrays, check_meshes, n_vertices_of, named
 from skfmap.learner import BridgedLearner, WeightedFunctionalMapLearner, models
+from skfmap.learner.about_meshes import given_of
 from skfmap.learner.given_answers import GivenReference, given_reference
 from skfmap.learner.training_set import TrainingSet
 from skfmap.partial.body import Body, LaidOnPart, Lesson, nearest_with_normals, shared_regions
@@ -30,7 +32,7 @@ from skfmap.partial.scan import Scan, area_and_rim, scan_of
 from skfmap.partial.trust import PartTrust, Seen
 from skfmap.refinement import Refinement
 from skfmap.registration.part import Registration, lay_on_training
-from skfmap.shapes import Match, Mesh
+from skfmap.shapes import GivenMesh, Match, Mesh, SpectralShape
 from skfmap.shapes.usable import Answer, describe
 
 __all__ = ["PartialMatcher"]
@@ -220,7 +222,13 @@ class PartialMatcher(Versioned, BaseEstimator):
         for i in tried:
             found[i] = self._nothing(items[i], i)
         self._warn(items, found, tried)
-        return [found[i] for i in range(len(items))]
+        reference = _learner_of(self.estimator_).reference_.spectral
+        return [
+            _called(found[i], named(item, i))
+            if kinds[i] == "whole"
+            else _with_meshes(found[i], item, i, reference)
+            for i, item in enumerate(items)
+        ]
 
     def functional_maps(self, X: Sequence[MeshLike]) -> FloatArray:
         """Return the full maps X_i(D) of whole shapes, by the pipeline.
@@ -471,6 +479,20 @@ def _all_covered(match: Match) -> Match:
         covered=np.full(n_0, known),
         covered_probability=np.full(n_0, 1.0 if known else np.nan),
     )
+
+
+def _called(match: Match, name: str | None) -> Match:
+    """Return the match of a whole shape with its name: the pipeline numbers whole ones alone."""
+    given = None if match.given is None else replace(match.given, name=name)
+    return replace(match, name=name, given=given)
+
+
+def _with_meshes(match: Match, item: MeshLike, i: int, reference: SpectralShape) -> Match:
+    """Return the match of what is no whole shape, with its mesh and that of the reference."""
+    vertices, faces = _arrays(item, i)
+    content = hash_of_arrays(vertices, faces)
+    given = GivenMesh(match.name, len(vertices), len(faces), content, item)
+    return replace(match, given=given, reference_given=given_of(reference))
 
 
 def _match_part(matcher: PartialMatcher, item: MeshLike, i: int, target: GivenReference) -> Match:

@@ -24,8 +24,9 @@ def open_mesh(given: "GivenMesh | None", what: str) -> "Mesh":
 
     if given is None:
         raise MeshError(
-            f"This Match does not know {what}: it was not made by skfmap.match, or was saved "
-            "before matches knew their meshes. Give the meshes to skfmap.plotting.plot_matches."
+            f"This Match does not know {what}: the shape was skipped, or the match was not made by "
+            "skfmap.match, or was saved before matches knew their meshes. Save it as .csv or .npz, "
+            "which need no mesh; to draw it, give the meshes to skfmap.plotting.plot_matches."
         )
     found = open_given(given)
     if isinstance(found, Mesh):
