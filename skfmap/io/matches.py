@@ -143,8 +143,10 @@ def _texts(values: FloatArray | None, n: int) -> list[str]:
 
 def _archive(match: Match) -> bytes:
     """Return all numbers of a match as numpy.load reads them; what is None is left out."""
-    names = ("p2p", "expected_error", "confidence", "n_supporting", "inverse", "functional_map")
-    names = (*names, "reduced_map", "refined_map", "covered", "covered_probability")
+    names = (
+        *("p2p", "expected_error", "confidence", "n_supporting", "inverse", "functional_map"),
+        *("reduced_map", "refined_map", "covered", "covered_probability"),
+    )
     arrays = {name: getattr(match, name) for name in names}
     arrays |= {name: getattr(match, name) for name in ("name", "reference_name", "reference_hash")}
     arrays |= {"misfit": match.misfit, "familiar": match.familiar}
