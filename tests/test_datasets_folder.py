@@ -212,6 +212,14 @@ def test_unequal_connectivity_without_files_is_refused(folder):
         load_collection(folder)
 
 
+def test_what_to_do_about_missing_files_is_said_once(folder):
+    with pytest.warns(SkippedShapeWarning) as told:
+        load_collection(folder, on_invalid="skip")
+    (said,) = [str(one.message) for one in told]
+    assert said.count("Put a file beside each mesh") == said.count("--by-number") == 1
+    assert all(f"{name!r} has other faces than 'cat0'" in said for name in ("cat2", "cat10"))
+
+
 def test_one_name_in_two_formats_is_refused(folder):
     write_mesh(make_sphere(2), folder / "cat2.obj")
     with pytest.raises(ValueError, match=r"\['cat2'\] in more than one format"):

@@ -554,12 +554,15 @@ def _not_by_number(read: list[_Read], folder: Path, *, asked: bool) -> dict[int,
         elif not asked and (
             n_own != n_first or share_of_common_edges(one.faces, first.faces) < _ALIKE
         ):
+            said = f"{one.mesh.name!r} has other faces than {first.mesh.name!r}"
+            # The first says what to do; a folder of fifty need not say it fifty times.
             faults[i] = (
-                f"{folder} has no correspondence files, and {one.mesh.name!r} has other faces than "
-                f"{first.mesh.name!r}, so that vertices do not correspond by number. Put a file "
-                "beside each mesh: NAME.vts, NAME.vertices.txt, NAME.template.txt, NAME.txt or "
-                "landmarks; help(skfmap.datasets.load_collection) explains them. If vertices do "
-                "correspond, give by_number=True."
+                f"{said} as well."
+                if faults
+                else f"{folder} has no correspondence files, and {said}, so that vertices do not "
+                "correspond by number. Put a file beside each mesh: NAME.vts, NAME.vertices.txt, "
+                "NAME.template.txt, NAME.txt or landmarks; help(skfmap.datasets.load_collection) "
+                "explains them. If vertices do correspond, give by_number=True (--by-number)."
             )
     return faults
 
