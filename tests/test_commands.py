@@ -356,7 +356,12 @@ def test_meshes_and_landmarks_are_converted(place, tmp_path, capsys):
     assert run("convert", tmp_path / "marks.fcsv", tmp_path / "marks.csv", *to_ras) == 0
     assert read_landmarks(tmp_path / "marks.csv").point("nose").tolist() == [-1, -2, 3]
     assert run("convert", place.new / "body4.off", tmp_path / "body.vtp") == 2
-    assert "--force" in capsys.readouterr().err
+    told = capsys.readouterr().err
+    assert "--force to overwrite, or write elsewhere" in told
+    assert run("convert", place.new, tmp_path / "body.off") == 2
+    assert "is a folder" in capsys.readouterr().err
+    assert run("convert", place.new / "body4.off", tmp_path / "body.stl") == 0
+    assert "numbered anew" in capsys.readouterr().out
     assert run("convert", place.new / "body4.off", tmp_path / "body.step") == 2
     assert "skfmap writes .off" in capsys.readouterr().err
     assert run("convert", place.new / "body4.off", tmp_path / "body.ply", *to_ras) == 2

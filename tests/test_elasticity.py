@@ -273,6 +273,17 @@ def test_training_shapes_are_adapted_to_and_others_less(body):
     assert missed(swollen) > 0.8, "which no training shape showed"
 
 
+def test_what_training_showed_takes_less_energy(body):
+    vertices, faces = body
+    laid = [moved(bent(vertices, strength), 10 + i) for i, strength in enumerate([0.3, -0.4, 0.8])]
+    learned, plain = Deformation.learned(vertices, faces, laid), Deformation.of_reference(*body)
+    for now in laid:
+        assert learned.energy(now) < 0.01 * plain.energy(now)
+        assert learned.energy(moved(now, 3)) == pytest.approx(learned.energy(now), rel=1e-6)
+    swollen = vertices * (1 + 0.3 * np.sin(9 * vertices[:, :1]))
+    assert learned.energy(swollen) > 0.6 * plain.energy(swollen), "which no training shape showed"
+
+
 def test_what_components_leave_shrinks_the_way_along_them(body):
     """The closed form: variance / (variance + mean square of what is left)."""
     vertices, faces = body

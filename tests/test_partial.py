@@ -283,6 +283,12 @@ class _Half(Cut):
         return vertices, faces[height <= np.quantile(height, share)]
 
 
+@pytest.mark.parametrize("wrong", [{"refine": "bogus"}, {"interpolate": "bogus"}])
+def test_words_of_a_match_are_checked_where_all_are_parts(wrong, matcher, scan):
+    with pytest.raises(ValueError, match=f"{next(iter(wrong))} must be one of"):
+        matcher.match([scan], **wrong)
+
+
 @pytest.mark.parametrize("ask", [skfmap.match_between, skfmap.register, skfmap.predict_landmarks])
 def test_what_parts_cannot_be_asked_is_told(ask, matcher, scan):
     with pytest.raises(TypeError, match=r"PartialMatcher (matches no pairs|cannot)"):
@@ -306,6 +312,11 @@ def test_cuts_of_ones_own(creatures, pipeline):
         ({"n_cuts": 0}, ValueError, "n_cuts"),
         ({"n_calibrated": 7}, ValueError, "n_calibrated"),
         ({"estimator": skfmap.WeightedFunctionalMapLearner()}, TypeError, "must be a Pipeline"),
+        (
+            {"estimator": make_pipeline("passthrough", skfmap.WeightedFunctionalMapLearner())},
+            TypeError,
+            "the first step of estimator must be a SpectralBasis",
+        ),
     ],
 )
 def test_wrong_parameters(given, error, message, creatures, pipeline):

@@ -4,6 +4,7 @@ import copy
 import pickle
 import re
 import warnings
+import weakref
 
 import numpy as np
 import pytest
@@ -36,8 +37,9 @@ from skfmap.geometry.sphere import subdivided_octahedron
 from skfmap.learner import laid_out
 from skfmap.learner.given_answers import given_reference
 from skfmap.persistence import load_model, save_model
-from skfmap.refinement import BijectiveZoomOut, ZoomOut
+from skfmap.refinement import BijectiveZoomOut, ZoomOut, match_points
 from skfmap.registration import Deformation, Limits, Quality, Registration, part
+from skfmap.registration.alignment import nearest_poses, principal_axes
 
 GIVEN = {"n_functions": 20, "tol": 1e-2}
 
@@ -643,8 +645,9 @@ def test_other_starts_are_tried_where_the_first_does_not_fit(creatures, monkeypa
     _, truths, shapes = creatures
     learner = learner_that(Registration(Scrambled(), stiffness=0.3), confidence=None)
     learner.fit(shapes[:5], truths[:5])
-    monkeypatch.setattr(Limits, "allow", lambda *_: True)  # nothing else is tried then
-    with_one = learner.register(shapes[5:])[0]
+    monkeypatch.setattr(Limits, "doubt", lambda *_: False)  # nothing else is tried then
+    with pytest.warns(UnfamiliarShapeWarning, match="does not fit"):
+        with_one = learner.register(shapes[5:])[0]
     monkeypatch.undo()
     assert with_one.off + with_one.uncovered > 0.3
     (laid,) = learner.register(shapes[5:])
@@ -652,6 +655,49 @@ def test_other_starts_are_tried_where_the_first_does_not_fit(creatures, monkeypa
     (wanted,) = plain.register(shapes[5:])
     assert laid.fits
     assert laid.off + laid.uncovered <= wanted.off + wanted.uncovered + 0.05
+
+
+def test_poses_are_found_however_they_are_turned(taught, creatures):
+    """Each lies nearest to a turned, moved and larger copy of itself."""
+    spectral_0 = creatures[2][0].spectral
+    faces, areas, poses = spectral_0.mesh.faces, spectral_0.mass, taught.refine_.poses_
+    assert poses.shape == (4, *spectral_0.vertices.shape)
+    for number, pose in enumerate(poses):
+        turn = Rotation.random(random_state=number).as_matrix()
+        there = 1.1 * pose @ turn.T + [3.0, -1.0, 2.0]
+        frame = principal_axes(there, areas)
+        found = nearest_poses(poses, faces, ClosestPoints(there, faces), frame, areas, 4)
+        assert len(found) == 4
+        assert np.linalg.norm(found[0] - there, axis=1).mean() < 0.01
+
+
+def test_where_a_match_is_wrong_everywhere_a_pose_is_the_start(creatures, monkeypatch):
+    """One end of the body is matched to the other, and no other refinement mends it."""
+    _, truths, shapes = creatures
+    learner = learner_that(Registration(None, stiffness=0.3), confidence=None)
+    learner.fit(shapes[:5], truths[:5])
+    registration, matcher, spectral = learner.refine_, learner.matcher_, shapes[5].spectral
+    spectral_0, C = matcher.reference.spectral, matcher.solve(shapes[5]).C
+    right = match_points(spectral, spectral_0, C, matcher.functions)
+    order, opposite = np.argsort(spectral.vertices[:, 2]), np.empty(len(spectral.mass), dtype=int)
+    opposite[order] = order[::-1]
+    wrong = right._replace(inverse=opposite[right.inverse], p2p=right.p2p[opposite])
+    monkeypatch.setattr(part, "ICP", lambda: None)
+    monkeypatch.setattr(part, "ZoomOut", lambda: None)
+    wanted, found = (registration.vertices_on(matcher, spectral, match) for match in (right, wrong))
+    assert np.linalg.norm(found - wanted, axis=1).mean() < 0.05
+    monkeypatch.setattr(Registration, "_poses_near", lambda *_: [wanted + 9.0])
+    lost = registration.vertices_on(matcher, spectral, wrong)
+    assert np.linalg.norm(lost - wanted, axis=1).mean() > 0.2
+
+
+def test_training_shapes_with_many_pairs_are_laid_once_for_all_folds(creatures, monkeypatch):
+    _, truths, shapes = creatures
+    laid, by_pairs = [], part._by_pairs
+    monkeypatch.setattr(part, "_LAID", weakref.WeakKeyDictionary())
+    monkeypatch.setattr(part, "_by_pairs", lambda *given: laid.append(given) or by_pairs(*given))
+    learner_that(confidence=skfmap.learner.CrossFitConfidence(cv=3)).fit(shapes[:4], truths[:4])
+    assert len(laid) == 3
 
 
 def test_a_shape_that_was_skipped_keeps_its_place(taught, laid, creatures):

@@ -20,7 +20,7 @@ __all__ = ["DESCRIPTION", "HELP", "add_arguments", "run"]
 HELP = "write a mesh, or landmarks, in another format"
 DESCRIPTION = (
     "Write a mesh, or a file of landmarks, in another format, which the ending of OUT chooses. "
-    "Vertices keep their order. Meshes are read from "
+    "Vertices keep their order, but through STL, which numbers them anew. Meshes are read from "
     f"{', '.join(READ_SUFFIXES)}, and written as {', '.join(WRITTEN_SUFFIXES)}; landmarks are read "
     f"from {', '.join(LANDMARK_SUFFIXES)}, and written as {', '.join(WRITTEN_LANDMARK_SUFFIXES)}."
 )
@@ -50,7 +50,11 @@ def run(options: argparse.Namespace) -> int:
         return 0
     if options.system is not None:
         raise ValueError("--system is for landmarks; a mesh names no system of coordinates.")
+    if options.source.is_dir():
+        raise ValueError(f"{options.source} is a folder; convert its files one by one.")
     mesh = read_mesh(options.source)
     write_mesh(mesh, options.output)
     print(f"{mesh.n_vertices} vertices and {mesh.n_faces} faces: {options.output}")
+    if ".stl" in {path.suffix.lower() for path in (options.source, options.output)}:
+        print("STL holds no vertices, only corners of triangles: they are numbered anew.")
     return 0

@@ -59,12 +59,12 @@ def check_free(paths: Iterable[Path], *, force: bool) -> None:
         if paths.count(path) > 1:
             raise ValueError(f"Two results would be written to {path}; rename one.")
         if path.is_dir():
-            raise ValueError(f"{path} is a folder, and a file is to be written; give another -o.")
+            raise ValueError(f"{path} is a folder, and a file is to be written; give another name.")
     there = [path for path in paths if path.exists()]
     if there and not force:
         more = f" and {len(there) - 1} more are" if len(there) > 1 else " is"
         raise FileExistsError(
-            f"{there[0]}{more} there already; give --force to overwrite, or another -o."
+            f"{there[0]}{more} there already; give --force to overwrite, or write elsewhere."
         )
     for folder in {path.parent for path in paths}:
         try:

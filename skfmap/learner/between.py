@@ -6,7 +6,6 @@ from itertools import permutations
 from typing import NamedTuple
 
 import numpy as np
-import scipy.sparse as sp
 
 from skfmap._tools.parallel import map_shapes, threads_within
 from skfmap._tools.types import FloatArray, IntArray, SparseMatrix
@@ -19,6 +18,7 @@ from skfmap.learner.given_answers import GivenReference, given_reference, on_giv
 from skfmap.learner.matcher import Matcher
 from skfmap.learner.new_shape import (
     MatchedShape,
+    blank_match,
     images_between,
     match_working_mesh,
     place_matrix,
@@ -324,19 +324,10 @@ def _both(first: bool | None, second: bool | None) -> bool | None:
 
 def _no_match(matcher: Matcher, one: ProbedItem, other: ProbedItem, *, assessed: bool) -> Match:
     """Return the answer for a pair with a shape that cannot be used: -1 and NaN."""
-    n_i, n_j, k = _n_given(one), _n_given(other), len(matcher.stable_basis)
-    unknown = np.full(n_i, np.nan) if assessed else None
-    return Match(
-        p2p=np.full(n_i, -1),
-        expected_error=unknown,
-        confidence=unknown,
-        functional_map=np.full((k, k), np.nan),
-        reduced_map=np.full((k, matcher.settings.n_stable), np.nan),
+    return replace(
+        blank_match(matcher, _n_given(one), _n_given(other), assessed=assessed),
         name=one.name,
         reference_name=other.name,
-        n_supporting=np.zeros(n_i, dtype=np.int64),
-        matrix=sp.csr_array((n_i, n_j)),
-        inverse=np.full(n_j, -1),
         reference_hash=None if isinstance(other, SkippedShape) else other.spectral.given_hash,
     )
 

@@ -24,6 +24,7 @@ from skfmap.shapes import Match, ProbedShape, SkippedShape, SpectralShape
 __all__ = [
     "INTERPOLATIONS",
     "MatchedShape",
+    "blank_match",
     "images_between",
     "match_shape",
     "match_working_mesh",
@@ -123,21 +124,28 @@ def match_working_mesh(
 
 def no_match(shape: SkippedShape, matcher: Matcher, *, assessed: bool) -> Match:
     """Return the answer for a shape that cannot be used: -1 and NaN."""
-    spectral_0, k = matcher.reference.spectral, len(matcher.stable_basis)
-    n_i, n_0 = shape.n_vertices, spectral_0.n_given
+    spectral_0 = matcher.reference.spectral
+    return replace(
+        blank_match(matcher, shape.n_vertices, spectral_0.n_given, assessed=assessed),
+        name=shape.name,
+        reference_name=matcher.reference.name,
+        reference_hash=spectral_0.given_hash,
+    )
+
+
+def blank_match(matcher: Matcher, n_i: int, n_0: int, *, assessed: bool) -> Match:
+    """Return a match of so many vertices to so many others that says nothing: -1 and NaN."""
+    k, p = len(matcher.stable_basis), matcher.settings.n_stable
     unknown = np.full(n_i, np.nan) if assessed else None
     return Match(
         p2p=np.full(n_i, -1),
         expected_error=unknown,
         confidence=unknown,
         functional_map=np.full((k, k), np.nan),
-        reduced_map=np.full((k, matcher.settings.n_stable), np.nan),
-        name=shape.name,
-        reference_name=matcher.reference.name,
+        reduced_map=np.full((k, p), np.nan),
         n_supporting=np.zeros(n_i, dtype=np.int64),
         matrix=sp.csr_array((n_i, n_0)),
         inverse=np.full(n_0, -1),
-        reference_hash=spectral_0.given_hash,
     )
 
 

@@ -15,9 +15,10 @@ from sklearn.utils.validation import check_is_fitted
 from skfmap._tools.caching import hash_of_arrays
 from skfmap._tools.parallel import map_shapes, tell
 from skfmap._tools.types import FloatArray, IntArray, Interpolation, RefineOverride
-from skfmap._tools.validation import check_number
+from skfmap._tools.validation import check_choice, check_number
 from skfmap._tools.warn import warn
 from skfmap._version import Versioned
+from skfmap.basis import SpectralBasis
 from skfmap.exceptions import MeshError, SkippedShapeWarning, UnfamiliarShapeWarning
 from skfmap.geometry.faults import sound_faces
 from skfmap.geometry.normals import vertex_normals
@@ -25,6 +26,8 @@ from skfmap.io import MeshLike, as_arrays, check_meshes, n_vertices_of, named
 from skfmap.learner import BridgedLearner, WeightedFunctionalMapLearner, models
 from skfmap.learner.about_meshes import given_of
 from skfmap.learner.given_answers import GivenReference, given_reference
+from skfmap.learner.new_shape import INTERPOLATIONS, blank_match
+from skfmap.learner.parameters import changed
 from skfmap.learner.training_set import TrainingSet
 from skfmap.partial.body import Body, LaidOnPart, Lesson, nearest_with_normals, shared_regions
 from skfmap.partial.cuts import Cut, make_cuts
@@ -209,6 +212,8 @@ class PartialMatcher(Versioned, BaseEstimator):
         """
         check_is_fitted(self)
         items = check_meshes(X)
+        check_choice(interpolate, "interpolate", INTERPOLATIONS)
+        changed(_learner_of(self.estimator_).matcher_, refine=refine)  # raises also without wholes
         kinds = [self._kind(item, i) for i, item in enumerate(items)]
         whole = [i for i, kind in enumerate(kinds) if kind == "whole"]
         found: dict[int, Match] = {}
@@ -273,6 +278,11 @@ class PartialMatcher(Versioned, BaseEstimator):
             raise TypeError(
                 "the last step of estimator must be a WeightedFunctionalMapLearner or a "
                 f"BridgedLearner; got {type(self.estimator[-1]).__name__}."
+            )
+        if not isinstance(self.estimator[0], SpectralBasis):
+            raise TypeError(
+                "the first step of estimator must be a SpectralBasis, which says how fine scans "
+                f"may be; got {type(self.estimator[0]).__name__}."
             )
         check_number(self.n_cuts, "n_cuts", low=1, integer=True)
         check_number(self.n_calibrated, "n_calibrated", low=1, high=self.n_cuts, integer=True)
@@ -365,21 +375,13 @@ class PartialMatcher(Versioned, BaseEstimator):
     def _nothing(self, item: MeshLike, i: int) -> Match:
         """Return the answer where nothing can be said: -1 and NaN."""
         learner = _learner_of(self.estimator_)
-        n_i, n_0 = n_vertices_of(item), learner.reference_.spectral.n_given
-        k, p = len(learner.stable_basis_), learner.n_stable_
-        unknown = np.full(n_i, np.nan)
-        return Match(
-            np.full(n_i, -1),
-            unknown,
-            unknown,
-            np.full((k, k), np.nan),
-            np.full((k, p), np.nan),
+        spectral_0 = learner.reference_.spectral
+        n_i, n_0 = n_vertices_of(item), spectral_0.n_given
+        return replace(
+            blank_match(learner.matcher_, n_i, n_0, assessed=True),
             name=named(item, i),
             reference_name=learner.reference_.name,
-            n_supporting=np.zeros(n_i, dtype=np.int64),
-            matrix=sp.csr_array((n_i, n_0)),
-            inverse=np.full(n_0, -1),
-            reference_hash=learner.reference_.spectral.given_hash,
+            reference_hash=spectral_0.given_hash,
             covered=np.zeros(n_0, dtype=bool),
             covered_probability=np.full(n_0, np.nan),
         )

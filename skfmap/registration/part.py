@@ -274,6 +274,24 @@ class Registration(Refinement):
         best = self._tried(learned, spectral, match, self.start_)
         if self.pose_ == "similarity" or not self.limits_.doubt(best[0]):
             return best[1]
+        best = self._begun_elsewhere(learned, spectral, match, best)
+        for _ in range(_AGAIN):
+            begun = _matched_in_space(spectral_0, spectral, match, best[1])
+            again = self._tried(learned, spectral, begun, self.start_)
+            if self._misfit(again) >= self._misfit(best):
+                break
+            best = again
+        return best[1]
+
+    def _begun_elsewhere(
+        self,
+        learned: Learned,
+        spectral: SpectralShape,
+        match: PointMatch,
+        first: tuple[Quality, FloatArray],
+    ) -> tuple[Quality, FloatArray]:
+        """Return the best of what the first and other starts lead to."""
+        spectral_0 = learned.reference.spectral
         by_match = [
             self._tried(learned, spectral, match, other) for other in (ICP(), ZoomOut(), None)
         ]
@@ -286,16 +304,8 @@ class Registration(Refinement):
             )
             for pose in self._poses_near(spectral_0, spectral)
         ]
-        best = min(best, *by_match, key=self._misfit)
-        other = min(by_pose, key=self._misfit)
-        best = other if self._misfit(other) < _CLEARLY * self._misfit(best) else best
-        for _ in range(_AGAIN):
-            begun = _matched_in_space(spectral_0, spectral, match, best[1])
-            again = self._tried(learned, spectral, begun, self.start_)
-            if self._misfit(again) >= self._misfit(best):
-                break
-            best = again
-        return best[1]
+        best, other = min(first, *by_match, key=self._misfit), min(by_pose, key=self._misfit)
+        return other if self._misfit(other) < _CLEARLY * self._misfit(best) else best
 
     def _misfit(self, tried: tuple[Quality, FloatArray]) -> float:
         return self.limits_.misfit(tried[0])
