@@ -483,11 +483,11 @@ def test_a_line_without_a_number_keeps_the_place_of_all_others(tmp_path, kind, l
 @pytest.mark.parametrize(
     ("text", "said"),
     [
-        ("1\n# the nose\n3\n", r"line 2: the comment '# the nose' stands between numbers"),
-        ("# of cat\n\n3\n", r"line 2 is empty, right behind a comment"),
-        ("1\nnose\n3\n", r"line 2: 'nose' is not one whole number"),
-        ("1\n2 3\n4\n", r"line 2: '2 3' is not one whole number"),
-        ("NA\n\n", r"every point of it is missing"),
+        ("1\n# the nose\n3\n", r"line 2: the comment '# the nose' is between numbers"),
+        ("# of cat\n\n3\n", r"line 2 is empty and follows a comment"),
+        ("1\nnose\n3\n", r"line 2: 'nose' is not a single whole number"),
+        ("1\n2 3\n4\n", r"line 2: '2 3' is not a single whole number"),
+        ("NA\n\n", r"all its points are missing"),
     ],
 )
 def test_a_line_whose_meaning_cannot_be_told_is_named(tmp_path, text, said):
@@ -919,7 +919,7 @@ def test_a_folder_of_many_formats_is_read(tmp_path):
     content = _as_vtk(ball.vertices, ball.faces.tolist(), **options)
     for name in ("c.vtk", "a.vtk"):
         (tmp_path / name).write_bytes(content)
-    with pytest.warns(SkippedShapeWarning, match=r"a\.vtk are left out, as meshes of the same"):
+    with pytest.warns(SkippedShapeWarning, match=r"a\.vtk are left out, because the folder also"):
         data = load_collection(tmp_path)
     assert data.names == ["a", "b", "c"]
     assert [mesh.n_vertices for mesh in data.meshes] == [18] * 3

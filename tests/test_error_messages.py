@@ -93,10 +93,10 @@ CALLS = {
         lambda: write_mesh(BALL, "no/such/a.off"),
         "There is no folder no/such",
     ),
-    "pattern": (lambda: load_collection(".", pattern="**"), "pattern must be the name of meshes"),
+    "pattern": (lambda: load_collection(".", pattern="**"), "pattern must match names of meshes"),
     "no pattern": (
         lambda: load_collection(".", pattern=None),
-        "pattern must be the name of meshes",
+        "pattern must match names of meshes",
     ),
     "no folder": (lambda: load_collection(None), "folder must be a path; got None"),
     "zero jobs": (
