@@ -243,7 +243,7 @@ def test_what_a_ply_file_holds_instead_of_faces_is_said(write):
     head = "ply\nformat ascii 1.0\nelement vertex 1\nproperty float x\nproperty float y\n"
     head += "property float z\n"
     grid = "element range_grid 1\nproperty list uchar int vertex_indices\nend_header\n0 0 0\n1 0\n"
-    for rest, said in [(grid, "range_grid"), ("end_header\n0 0 0\n", "a cloud of points")]:
+    for rest, said in [(grid, "range_grid"), ("end_header\n0 0 0\n", "a point cloud")]:
         with pytest.raises(MeshError, match=rf"a\.ply.*{said}"):
             read_arrays(write("a.ply", head + rest))
 
@@ -298,7 +298,7 @@ def test_off_files_may_break_lines_anywhere(write):
     ("content", "said"),
     [
         (b"OFF BINARY\n" + bytes(64), "binary OFF file"),
-        ("nOFF\n2\n3 1 0\n0 0\n1 0\n0 1\n3 0 1 2\n", "points of 2 dimensions"),
+        ("nOFF\n2\n3 1 0\n0 0\n1 0\n0 1\n3 0 1 2\n", "points with 2 dimensions"),
         ("4OFF\n3 1 0\n0 0 0 1\n1 0 0 0\n0 1 0 1\n3 0 1 2\n", r"at infinity \(1\)"),
         ("OFF\n3 1 0\n0 0 0\n1 0 0\n0 1 x\n3 0 1 2\n", "'0 1 x'"),
         ("PLY\n", "neither with OFF"),
@@ -611,7 +611,7 @@ def test_formats_that_are_not_read_are_named(tmp_path):
     assert "MeshLab" in message
     with pytest.raises(FileNotFoundError, match=r"no mesh 't'.*t\.msh.*meshio"):
         load_collection(tmp_path, "t")
-    with pytest.raises(MeshError, match=r"'\.fbx'.*Blender saves it"):
+    with pytest.raises(MeshError, match=r"'\.fbx'.*Blender can save it"):
         read_mesh(tmp_path / "a.fbx")
 
 
