@@ -595,7 +595,7 @@ def test_wrong_options_and_help_return_their_status(capsys):
     for verb in ("train", "match", "landmarks", "register", "transfer", "check", "report", "demo"):
         assert run(verb, "--help") == 0
     assert run("--help") == 0
-    assert "place the training specimens' landmarks" in capsys.readouterr().out
+    assert "predict landmarks on new specimens" in capsys.readouterr().out
     assert run("--version") == 0
     assert capsys.readouterr().out == f"skfmap {skfmap.__version__}\n"
 
