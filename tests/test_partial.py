@@ -14,7 +14,7 @@ from sklearn.pipeline import make_pipeline
 import skfmap
 from skfmap import Mesh, PartialMatcher
 from skfmap.datasets import make_creatures
-from skfmap.exceptions import SkippedShapeWarning, UnfamiliarShapeWarning
+from skfmap.exceptions import RepairWarning, SkippedShapeWarning, UnfamiliarShapeWarning
 from skfmap.functional.samples import farthest_points
 from skfmap.geometry.closest import ClosestPoints
 from skfmap.geometry.cutting import rim_length
@@ -193,6 +193,17 @@ def test_matches_know_their_meshes_and_names_wherever_whole_shapes_stand(
         np.testing.assert_array_equal(saved["covered_probability"], matches[0].covered_probability)
 
 
+def test_warnings_of_whole_shapes_among_parts_count_as_x_does(matcher, scan, creatures):
+    whole = creatures.meshes[5]
+    loose = np.concatenate([whole.vertices, whole.vertices[:3] + 100 * np.ptp(whole.vertices)])
+    n = whole.n_vertices
+    broken = loose, np.concatenate([whole.faces, [[n, n + 1, n + 1]]])
+    with pytest.warns(RepairWarning, match="shape 1"):
+        part, found = skfmap.match(matcher, [(scan.vertices, scan.faces), broken])
+    assert (part.name, found.name) == ("shape 0", "shape 1")
+    assert found.covered.all()
+
+
 def test_a_hole_as_small_as_an_eye_leaves_a_shape_whole(matcher, creatures):
     whole = creatures.meshes[5]
     holed = Mesh(whole.vertices, whole.faces[1:])
@@ -228,9 +239,26 @@ def test_a_part_that_is_too_small_is_told_and_not_matched(matcher, creatures, sc
     assert np.isnan(nothing.covered_probability).all()
 
 
-def test_other_units_are_told(matcher, scan):
-    with pytest.warns(SkippedShapeWarning, match="in the units of the training shapes"):
-        skfmap.match(matcher, [Mesh(10 * scan.vertices, scan.faces)])
+@pytest.mark.parametrize(
+    ("factor", "told"),
+    [
+        (1000.0, "1000 times smaller would explain that: multiply its coordinates by 0.001"),
+        (0.01, "100 times larger would explain that: multiply its coordinates by 100"),
+        (25.4, "25.4 times smaller"),
+        (4.0, "in the units of the training shapes"),
+    ],
+)
+def test_other_units_are_told_and_what_to_multiply_by(matcher, scan, factor, told):
+    with pytest.warns(SkippedShapeWarning, match=told):
+        skfmap.match(matcher, [Mesh(factor * scan.vertices, scan.faces)])
+
+
+def test_a_flake_of_no_size_is_no_whole_shape(matcher, scan):
+    """Its rim is short, but long for its area."""
+    flake = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0]]) * 0.02 * np.sqrt(scan.area)
+    with pytest.warns(SkippedShapeWarning, match="too little"):
+        (nothing,) = skfmap.match(matcher, [(flake, np.array([[0, 1, 2]]))])
+    assert (nothing.p2p == -1).all()
 
 
 def test_another_kind_of_body_is_told(matcher, collection, creatures):
