@@ -1,7 +1,7 @@
 """Parts of shapes, matched to the whole reference by any pipeline that matches whole ones."""
 
 import warnings
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from typing import Any, Self
 
 import numpy as np
@@ -19,6 +19,7 @@ from skfmap.basis import SpectralBasis
 from skfmap.exceptions import MeshError, SkippedShapeWarning, UnfamiliarShapeWarning
 from skfmap.io import MeshLike, check_meshes, n_vertices_of, named
 from skfmap.learner import BridgedLearner, WeightedFunctionalMapLearner, models
+from skfmap.learner.between import check_wanted
 from skfmap.learner.given_answers import given_reference
 from skfmap.learner.new_shape import INTERPOLATIONS
 from skfmap.learner.parameters import changed
@@ -30,6 +31,13 @@ from skfmap.partial.answers import (
     matched_part,
     nothing_said,
     with_meshes,
+)
+from skfmap.partial.between import (
+    OnReference,
+    between_parts,
+    no_pair,
+    part_on_reference,
+    whole_on_reference,
 )
 from skfmap.partial.cuts import Cut, make_cuts
 from skfmap.partial.kinds import TrainingSizes
@@ -227,13 +235,68 @@ class PartialMatcher(Versioned, BaseEstimator):
             found.update((i, all_covered(answers[i])) for i in _rows(kinds, "whole"))
         parts = self._laid(items, _rows(kinds, "part"))
         found.update(self._matched(items, parts))
-        learner = _learner_of(self.estimator_)
         for i in range(len(items)):
             if i not in found:
-                nothing = nothing_said(learner, items[i], i)
-                found[i] = with_meshes(nothing, items[i], i, learner.reference_.spectral)
+                found[i] = self._nothing(items[i], i)
         self._warn(found, kinds)
         return [found[i] for i in range(len(items))]
+
+    def match_between(
+        self, X: Sequence[MeshLike], pairs: Iterable[tuple[int, int]] | None = None
+    ) -> list[Match]:
+        """Match scans to one another; parts, and parts to whole shapes, through the reference.
+
+        Parameters
+        ----------
+        X : sequence of meshes
+            In the units of the training shapes.
+        pairs : iterable of (int, int), optional
+            From which scan to which: indices (i, j) into ``X``. All pairs of different scans, in
+            both directions, by default.
+
+        Returns
+        -------
+        list of Match
+            One for each pair, from ``X[i]`` to ``X[j]``, which is its reference. ``p2p`` sends
+            vertices of ``X[i]`` to vertices of ``X[j]``, and is -1 at those that ``X[j]`` does not
+            show; ``covered`` and ``covered_probability`` tell which vertices of ``X[j]`` the scan
+            ``X[i]`` shows, and ``inverse`` where these lie on it, -1 elsewhere. Pairs of whole
+            shapes are the pipeline's; others have no functional map, and its entries are NaN.
+            ``expected_error`` combines those of both ways to the reference, in units of sqrt(area)
+            of the *reference of the model*; None if one of the two is whole and the pipeline
+            calibrates no errors.
+
+        Raises
+        ------
+        TypeError, ValueError
+            If ``pairs`` does not hold pairs of indices into ``X``.
+
+        Warns
+        -----
+        SkippedShapeWarning, UnfamiliarShapeWarning
+            As in `match`, of each scan once.
+        """
+        check_is_fitted(self)
+        items = check_meshes(X)
+        wanted = check_wanted(pairs, len(items))
+        kinds = self._kinds(items)
+        whole = [pair for pair in wanted if all(kinds[i] == "whole" for i in pair)]
+        done: dict[tuple[int, int], Match] = {}
+        if whole:
+            among = _only(items, kinds, "whole")
+            answers = models.match_between(self.estimator_, among, whole)
+            done.update(zip(whole, map(all_covered, answers), strict=True))
+        mixed = [pair for pair in wanted if pair not in done]
+        matches, on_reference = self._on_reference(
+            items, kinds, {i for pair in mixed for i in pair}, {i for pair in whole for i in pair}
+        )
+        learner = _learner_of(self.estimator_)
+        for i, j in mixed:
+            if i in on_reference and j in on_reference:
+                done[i, j] = between_parts(on_reference[i], on_reference[j])
+            else:
+                done[i, j] = no_pair(learner, matches[i], matches[j])
+        return [done[pair] for pair in wanted]
 
     def functional_maps(self, X: Sequence[MeshLike]) -> FloatArray:
         """Return the full maps X_i(D) of whole shapes, by the pipeline.
@@ -328,6 +391,54 @@ class PartialMatcher(Versioned, BaseEstimator):
             i: with_meshes(matched_part(known, part, named(items[i], i)), items[i], i, reference)
             for i, part in parts.items()
         }
+
+    def _on_reference(
+        self, items: Sequence[MeshLike], kinds: Sequence[str], wanted: set[int], told: set[int]
+    ) -> tuple[dict[int, Match], dict[int, OnReference]]:
+        """Return matches to the reference, and what pairs need of those that say something.
+
+        Of the wanted meshes alone, and without warnings of whole ones that were ``told``.
+        """
+        kinds = [kind if i in wanted else "" for i, kind in enumerate(kinds)]
+        matches, on_reference = {}, {}
+        for i in sorted(wanted):
+            if kinds[i] not in ("whole", "part"):
+                matches[i] = self._nothing(items[i], i)
+        parts = self._laid(items, _rows(kinds, "part"))
+        known = self._knowledge()
+        for i, match in self._matched(items, parts).items():
+            matches[i], on_reference[i] = match, part_on_reference(known, parts[i], match)
+        for i, match in self._whole_on_places(items, kinds, told).items():
+            matches[i] = match
+            if (match.p2p >= 0).any():
+                vertices, faces = arrays_of(items[i], i)
+                on_reference[i] = whole_on_reference(vertices / self.unit_, faces, match)
+        self._warn(matches, kinds)
+        return matches, on_reference
+
+    def _whole_on_places(
+        self, items: Sequence[MeshLike], kinds: Sequence[str], told: set[int]
+    ) -> dict[int, Match]:
+        """Return matches of whole shapes to places of the reference."""
+        found: dict[int, Match] = {}
+        for silent in (False, True):
+            now = [kind if (i in told) == silent else "" for i, kind in enumerate(kinds)]
+            rows = _rows(now, "whole")
+            if not rows:
+                continue
+            with warnings.catch_warnings():
+                if silent:
+                    warnings.simplefilter("ignore")
+                matches = models.match(
+                    self.estimator_, _only(items, now, "whole"), interpolate="barycentric"
+                )
+            found.update((i, all_covered(matches[i])) for i in rows)
+        return found
+
+    def _nothing(self, item: MeshLike, i: int) -> Match:
+        learner = _learner_of(self.estimator_)
+        nothing = nothing_said(learner, item, i)
+        return with_meshes(nothing, item, i, learner.reference_.spectral)
 
     def _warn(self, found: dict[int, Match], kinds: Sequence[str]) -> None:
         told = "; ".join(
