@@ -562,7 +562,8 @@ def _not_by_number(read: list[_Read], folder: Path, *, asked: bool) -> dict[int,
                 else f"{folder} has no correspondence files, and {said}, so that vertices do not "
                 "correspond by number. Put a file beside each mesh: NAME.vts, NAME.vertices.txt, "
                 "NAME.template.txt, NAME.txt or landmarks; help(skfmap.datasets.load_collection) "
-                "explains them. If vertices do correspond, give by_number=True (--by-number)."
+                "explains them. If vertices do correspond, give by_number=True (--by-number). New "
+                "meshes, which a trained model is asked about, need no such files."
             )
     return faults
 
