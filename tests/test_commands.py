@@ -603,7 +603,7 @@ def test_what_is_wrong_is_told_in_one_line(place, tmp_path, capsys, arguments, m
 
 
 @pytest.mark.parametrize(
-    ("verb", "nearest"), [("matc", "match"), ("Lanmarks", "landmarks"), ("chek", "check")]
+    ("verb", "nearest"), [("matches", "match"), ("Landmark", "landmarks"), ("checks", "check")]
 )
 def test_a_verb_that_is_none_names_the_nearest_and_all(capsys, verb, nearest):
     assert run(verb, "model.skops", "scan.ply") == 2
