@@ -526,6 +526,15 @@ def test_the_summary_of_an_earlier_run_is_replaced(place, tmp_path, capsys):
     assert (out / "summary.csv").read_text() == mine
 
 
+def test_names_that_are_too_long_are_told_before_any_work(place, tmp_path, capsys):
+    mesh = tmp_path / f"{'x' * 250}.off"
+    mesh.write_bytes((place.new / "body4.off").read_bytes())
+    out = tmp_path / "out"
+    assert run("landmarks", place.model, mesh, "-o", out, "--format", "mrk.json", *_QUIET) == 2
+    assert "A name of 259 letters" in capsys.readouterr().err
+    assert not out.exists()
+
+
 def test_force_does_not_write_over_the_mesh_itself(place, registering, tmp_path, capsys):
     mesh = tmp_path / "body4.ply"
     write_mesh(read_mesh(place.new / "body4.off"), mesh)

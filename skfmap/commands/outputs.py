@@ -7,6 +7,8 @@ from pathlib import Path
 
 import numpy as np
 
+from skfmap._tools.validation import check_length
+
 __all__ = [
     "SUMMARY_ENDS",
     "add_output",
@@ -76,6 +78,7 @@ def check_free(paths: Iterable[Path], *, force: bool) -> None:
     for path in paths:
         if paths.count(path) > 1:
             raise ValueError(f"Two results would be written to {path}; rename one.")
+        check_length(path)
         if path.is_dir():
             raise ValueError(f"{path} is a folder, and a file is to be written; give another name.")
     there = [path for path in paths if path.exists()]
