@@ -588,7 +588,7 @@ def test_a_shape_that_the_model_refuses_does_not_lose_the_others(
         (["train", "{training}", "-o", "{out}.html"], "Two results would be written to"),
         (
             ["report", "{model}", "{training}", "--pattern", "body[123]", "-o", "{out}.html"],
-            "does not hold the model's reference",
+            "does not contain the model's reference",
         ),
     ],
 )
