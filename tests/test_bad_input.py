@@ -89,7 +89,7 @@ def test_a_nonmanifold_edge_needs_the_robust_laplacian_or_mending(finned, body):
         SpectralBasis(10, on_invalid="raise").transform([finned])
     with pytest.warns(OrientationWarning, match="'the cat'"):
         assert_robust_helps(finned, body)
-    with pytest.warns(RepairWarning, match="'the cat': parted the surface at 1 edges"):
+    with pytest.warns(RepairWarning, match="'the cat': separated the surface at 1 edges"):
         assert_usable(finned, body)
 
 
@@ -107,7 +107,9 @@ def test_two_components_are_refused_or_the_larger_is_kept(body):
     for laplacian in ("cotangent", "robust"):
         with pytest.raises(MeshError, match="'the cat' has 2 connected components"):
             SpectralBasis(10, laplacian=laplacian, on_invalid="raise").transform([two])
-        with pytest.warns(RepairWarning, match="'the cat': kept the largest of 2 pieces, 55.2%"):
+        with pytest.warns(
+            RepairWarning, match="'the cat': kept the largest of 2 components, 55.2%"
+        ):
             (shape,) = SpectralBasis(10, laplacian=laplacian).transform([two])
         kept = shape.working_vertices(np.arange(2 * n))
         np.testing.assert_array_equal(kept, [*[-1] * n, *range(n)])
@@ -582,7 +584,7 @@ def test_wrong_pairs_are_left_out_with_a_warning(make_learner, probed, collectio
     truths[1] = Correspondence(pairs)
     with pytest.warns(
         CoverageWarning,
-        match=r"pairs of X\[1\] \('body1'\) lie far from where a smooth map puts them",
+        match=r"pairs of X\[1\] \('body1'\) are far from where a smooth map puts them",
     ):
         noisy = make_learner(weighting=None).fit(probed[:4], truths)
     clean = make_learner(weighting=None).fit(probed[:4], collection.truths[:4])

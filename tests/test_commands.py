@@ -541,7 +541,7 @@ def test_a_shape_that_the_model_refuses_does_not_lose_the_others(
         (["match", "{model}", "nowhere.off", "-o", "{out}"], "no mesh nowhere.off"),
         (["match", "{model}", "{out}.txt", "-o", "{out}"], "not a mesh that can be read"),
         (["match", "{model}", "{empty}", "-o", "{out}"], "holds no mesh with suffix"),
-        (["match", "{new}/body4.off", "{new}", "-o", "{out}"], "not a sound file of save_model"),
+        (["match", "{new}/body4.off", "{new}", "-o", "{out}"], "not a valid file of save_model"),
         (["match", "{model}", "{new}", "-o", "{out}.txt"], "out.txt cannot hold the results"),
         (["match", "{model}", "{new}", "{new}/body4.off", "-o", "{out}"], "would both be written"),
         (["match", "{model}", "{new}", "-o", "{out}", "--jobs", "0"], "n_jobs"),

@@ -132,7 +132,7 @@ CALLS = {
         "weights must be 2 non-negative",
     ),
     "NaN errors": (lambda: error_curve([0.1, np.nan], [1.0]), "no NaN"),
-    "no errors": (lambda: error_curve([], [1.0]), "one error at least"),
+    "no errors": (lambda: error_curve([], [1.0]), "at least one error"),
     "empty curve": (lambda: ErrorCurveDisplay.from_predictions([]), "nothing to draw"),
     "no bins": (
         lambda: ReliabilityDisplay(VALUES, VALUES).plot(n_bins=0),
@@ -166,7 +166,7 @@ CALLS = {
     ),
     "nothing saved": (
         lambda: save_model(None, "a.skops"),
-        "A learner, a pipeline or a transformer is saved",
+        "model must be a learner, a pipeline or a transformer",
     ),
     "text for trusted": (
         lambda: load_model("a.skops", trusted="abc"),

@@ -241,7 +241,7 @@ class TooMany(Refinement):
     ("refine", "told"),
     [
         (Nothing(), r"refine\(\) of Nothing\(\) must return a PointMatch.*got NoneType"),
-        (TooMany(), r"at most the 30 functions that SpectralBasis holds; got shapes \(31, 31\)"),
+        (TooMany(), r"at most the 30 functions of SpectralBasis.; got shapes \(31, 31\)"),
     ],
 )
 def test_what_a_refinement_of_ones_own_does_wrong_is_told(fitted, probed, refine, told):
