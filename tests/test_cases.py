@@ -534,7 +534,7 @@ def test_a_number_that_stands_for_none_is_warned_of_in_memory_too(make_learner, 
     truths[2] = Correspondence(pairs)
     with pytest.warns(CoverageWarning) as told:
         make_learner(weighting=None).fit(probed[:4], truths)
-    (message,) = [str(one.message) for one in told if "stands for many" in str(one.message)]
+    (message,) = [str(one.message) for one in told if "occurs very often" in str(one.message)]
     assert "'body2') (template point 0 stands for 4" in message
     assert "body1" not in message
 

@@ -199,7 +199,7 @@ def _fits(**parameters):
         ),
         (_fits(weighting=[[1]] * 105), "labels of weighting must be strings or numbers"),
         (_fits(regularizer=lambda a, b: np.full((len(a), len(b)), 1j)), "finite real values"),
-        (_fits(reference=np.array(["a", "b"])), "reference must be the name of a shape"),
+        (_fits(reference=np.array(["a", "b"])), "reference must be 'first'"),
         (
             lambda p, t, make: BridgedLearner(make(), through=3).fit(p[:3], t[:3]),
             "through must be 'auto' or the name of a training shape; got 3",
