@@ -572,7 +572,7 @@ def test_a_shape_that_the_model_refuses_does_not_lose_the_others(
         (["match", "{new}/body4.off", "{model}", "-o", "{out}"], "model.skops is a model, not a"),
         (["check", "{model}"], "is a model, not a mesh. Use it as match"),
         (["check", "{learner}"], "is a model, not a mesh. Use it as match"),
-        (["match", "{out}.txt", "{new}", "-o", "{out}"], "not a sound file of save_model"),
+        (["match", "{out}.txt", "{new}", "-o", "{out}"], "not a valid file of save_model"),
         (["match", "{model}", "{new}", "-o", "{out}.txt"], "out.txt cannot hold the results"),
         (["match", "{model}", "{new}", "{new}/body4.off", "-o", "{out}"], "would both be written"),
         (["match", "{model}", "{new}", "-o", "{out}", "--jobs", "0"], "n_jobs"),
