@@ -65,11 +65,11 @@ CALLS = {
     ),
     "shorter symmetric": (
         lambda: Correspondence.from_vertices([1, 2], [1]),
-        "must be as long as the other",
+        "must have the same size",
     ),
     "smaller symmetric": (
         lambda: Correspondence.from_matrix(np.eye(3), np.eye(2)),
-        "must be as long as the other",
+        "must have the same size",
     ),
     "another map": (
         lambda: Correspondence.from_vertices([0, 1]).renumber([0, 1, 2]),
@@ -244,7 +244,7 @@ def test_scores_and_matches_say_what_is_wrong_in_their_own_words(fitted, probed,
         match.transfer(np.arange(500.0), max_error="a")
     with pytest.raises(ValueError, match="max_error must be a number"):
         match.transfer(np.arange(500.0), max_error=np.nan)
-    with pytest.raises(TypeError, match="labels that are all text"):
+    with pytest.raises(TypeError, match="labels that are strings"):
         match.transfer([None] * 500)
     with pytest.raises(ValueError, match=re.escape("got shape (500, 0)")):
         match.transfer(np.zeros((500, 0), dtype=int))

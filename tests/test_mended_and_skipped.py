@@ -140,7 +140,7 @@ def test_references_of_one_name_and_size_are_told_apart(model_that, collection):
             Mesh(body.vertices * [1, 1, 1.01], body.faces, "same"),
         )
     )
-    with pytest.raises(ValueError, match="must be matched to one reference"):
+    with pytest.raises(ValueError, match="must be matched to the same reference"):
         one.to(other)
 
 

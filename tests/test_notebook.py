@@ -82,7 +82,7 @@ def test_where_there_is_no_picture_the_numbers_are_shown(match, collection, monk
     flat = Mesh(np.zeros((3, 3)), [[0, 1, 2]])._repr_html_()
     assert "no area" in flat
     lost = replace(_laid(collection.meshes[0]), vertices=np.full((500, 3), np.nan))
-    assert "was left out" in lost._repr_html_()
+    assert "was skipped" in lost._repr_html_()
     usual = builtins.__import__
 
     def without(name, *rest):
