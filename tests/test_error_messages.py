@@ -132,7 +132,7 @@ CALLS = {
         "weights must be 2 non-negative",
     ),
     "NaN errors": (lambda: error_curve([0.1, np.nan], [1.0]), "no NaN"),
-    "no errors": (lambda: error_curve([], [1.0]), "one error at least"),
+    "no errors": (lambda: error_curve([], [1.0]), "at least one error"),
     "empty curve": (lambda: ErrorCurveDisplay.from_predictions([]), "nothing to draw"),
     "no bins": (
         lambda: ReliabilityDisplay(VALUES, VALUES).plot(n_bins=0),
@@ -169,7 +169,7 @@ CALLS = {
     ),
     "nothing saved": (
         lambda: save_model(None, "a.skops"),
-        "A learner, a pipeline or a transformer is saved",
+        "model must be a learner, a pipeline or a transformer",
     ),
     "text for trusted": (
         lambda: load_model("a.skops", trusted="abc"),
@@ -202,7 +202,7 @@ def _fits(**parameters):
         ),
         (_fits(weighting=[[1]] * 105), "labels of weighting must be strings or numbers"),
         (_fits(regularizer=lambda a, b: np.full((len(a), len(b)), 1j)), "finite real values"),
-        (_fits(reference=np.array(["a", "b"])), "reference must be the name of a shape"),
+        (_fits(reference=np.array(["a", "b"])), "reference must be 'first'"),
         (
             lambda p, t, make: BridgedLearner(make(), through=3).fit(p[:3], t[:3]),
             "through must be 'auto' or the name of a training shape; got 3",

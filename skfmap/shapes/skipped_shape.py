@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-__all__ = ["SkippedShape"]
+__all__ = ["SetAside", "SkippedShape"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -25,3 +25,10 @@ class SkippedShape:
     name: str | None
     reason: str
     n_vertices: int = 0
+
+
+class SetAside(SkippedShape):
+    """Placeholder in X for a mesh that another part of a model handles.
+
+    It keeps the indices of the others. No warning is given, and all transformers pass it on.
+    """
