@@ -185,7 +185,7 @@ def test_what_cannot_be_written_leaves_no_empty_folder(match, tmp_path):
         unknown.save(tmp_path / "out")
     assert not (tmp_path / "out").exists()
     (tmp_path / "file").write_text("")
-    with pytest.raises(NotADirectoryError, match=r"is a file; give a folder"):
+    with pytest.raises(NotADirectoryError, match=r"is a file. Give a folder"):
         match.save(tmp_path / "file")
 
 
