@@ -291,7 +291,7 @@ def test_words_of_a_match_are_checked_where_all_are_parts(wrong, matcher, scan):
 
 @pytest.mark.parametrize("ask", [skfmap.match_between, skfmap.register, skfmap.predict_landmarks])
 def test_what_parts_cannot_be_asked_is_told(ask, matcher, scan):
-    with pytest.raises(TypeError, match=r"PartialMatcher (cannot)"):
+    with pytest.raises(TypeError, match=r"PartialMatcher cannot"):
         ask(matcher, [scan, scan])
 
 
