@@ -84,7 +84,7 @@ def test_centroid_size_is_that_of_all_distances_between_landmarks():
 def test_half_known_landmarks_are_refused():
     points = _specimens(2)
     points[0, 0, 0] = np.nan
-    with pytest.raises(ValueError, match="known in part"):
+    with pytest.raises(ValueError, match="partly NaN"):
         centroid_sizes(points)
     with pytest.raises(ValueError, match=r"shape \(n_specimens, n_landmarks, 3\)"):
         centroid_sizes(BASE)
@@ -303,7 +303,9 @@ def test_specimens_are_joined_by_their_names():
     marks = _marks(_specimens(2))
     with pytest.raises(CorrespondenceError, match=r"first\[0\] has no name"):
         observer_error([Landmarks(BASE)], marks)
-    with pytest.raises(CorrespondenceError, match="Several specimens of second have one name: s0"):
+    with pytest.raises(
+        CorrespondenceError, match="Several specimens of second have the same name: s0"
+    ):
         observer_error(marks, [marks[0], marks[0]])
 
 

@@ -322,7 +322,7 @@ def test_what_cannot_slide_is_told():
     one = _disturbed(mesh)
     with pytest.raises(CorrespondenceError, match="There is no landmark tail"):
         slide([one], [mesh], surfaces=["tail"])
-    with pytest.raises(CorrespondenceError, match="s1: slides on two curves, or on a curve and"):
+    with pytest.raises(CorrespondenceError, match="s1 slides on two curves, or on a curve and"):
         slide([one], [mesh], surfaces=["s1"], curves=[["f0", "s1", "f1"]])
     with pytest.raises(CorrespondenceError, match="The curve f0, f1 has no point between"):
         slide([one], [mesh], curves=[["f0", "f1"]])
