@@ -26,6 +26,7 @@ from skfmap.functional.eigenbasis import laplacian_eigenbasis
 from skfmap.geometry.laplacian import LAPLACIANS
 from skfmap.io import MeshLike, as_arrays, as_mesh, check_meshes, n_vertices_of, named
 from skfmap.shapes import GivenMesh, Mesh, SkippedShape, SpectralShape
+from skfmap.shapes.skipped_shape import SetAside
 from skfmap.shapes.usable import warn_of_repairs, warn_of_skipped
 
 __all__ = ["SpectralBasis"]
@@ -273,6 +274,8 @@ def _warn_of_unknown_sides(shapes: Sequence[SpectralShape | SkippedShape]) -> No
 
 def _made(item: MeshLike, i: int, how: _How) -> _Made:
     """Return the shape of a mesh, or raise."""
+    if isinstance(item, SetAside):
+        return item, ()
     name = named(item, i)
     mends = how.on_invalid != "raise"
     given = as_arrays(item, i) if mends else as_mesh(item, i)

@@ -64,7 +64,8 @@ def matching_errors(
 ) -> list[PairErrors]:
     """Match shapes with a fitted model and return the errors of each."""
     learner, shapes = learner_and_shapes(model, X)
-    return list(learner.pair_errors(shapes, y, method=method, reference_y=reference_y))
+    errors = getattr(learner, "errors_to_score", learner.pair_errors)
+    return list(errors(shapes, y, method=method, reference_y=reference_y))
 
 
 _SCORERS: dict[str, ErrorKind] = {

@@ -182,7 +182,7 @@ def test_any_shape_maps_to_any_other_of_the_collection(fitted, probed, collectio
 def test_shapes_matched_to_unequal_references_do_not_compose(fitted, through, probed):
     (first,) = fitted.match(probed[5:])
     (second,) = through.bridge_.match(probed[5:])
-    with pytest.raises(ValueError, match="matched to one reference"):
+    with pytest.raises(ValueError, match="matched to the same reference"):
         first.to(second)
 
 

@@ -65,11 +65,11 @@ CALLS = {
     ),
     "shorter symmetric": (
         lambda: Correspondence.from_vertices([1, 2], [1]),
-        "must be as long as the other",
+        "must have the same size",
     ),
     "smaller symmetric": (
         lambda: Correspondence.from_matrix(np.eye(3), np.eye(2)),
-        "must be as long as the other",
+        "must have the same size",
     ),
     "another map": (
         lambda: Correspondence.from_vertices([0, 1]).renumber([0, 1, 2]),
@@ -140,20 +140,23 @@ CALLS = {
     ),
     "limits turned": (
         lambda: plot_function(BALL, VALUES, limits=(3, 1)),
-        "limits must be two numbers, the lower first",
+        "limits must be two finite numbers in increasing order",
     ),
     "limits alike": (
         lambda: plot_function(BALL, VALUES, limits=(1, 1)),
-        "limits must be two numbers",
+        "limits must be two finite numbers",
     ),
     "NaN limits": (
         lambda: plot_function(BALL, VALUES, limits=(np.nan, 1)),
-        "limits must be two numbers",
+        "limits must be two finite numbers",
     ),
-    "one limit": (lambda: plot_function(BALL, VALUES, limits=3), "limits must be two numbers"),
+    "one limit": (
+        lambda: plot_function(BALL, VALUES, limits=3),
+        "limits must be two finite numbers",
+    ),
     "colour map": (
         lambda: plot_function(BALL, VALUES, cmap="nope"),
-        "cmap must be the name of a colour map",
+        "cmap must be the name of a matplotlib colour map",
     ),
     "camera": (lambda: plot_function(BALL, VALUES, camera="z"), "camera must be a Camera"),
     "flat": (
@@ -244,12 +247,12 @@ def test_scores_and_matches_say_what_is_wrong_in_their_own_words(fitted, probed,
         match.transfer(np.arange(500.0), max_error="a")
     with pytest.raises(ValueError, match="max_error must be a number"):
         match.transfer(np.arange(500.0), max_error=np.nan)
-    with pytest.raises(TypeError, match="labels that are all text"):
+    with pytest.raises(TypeError, match="labels that are strings"):
         match.transfer([None] * 500)
     with pytest.raises(ValueError, match=re.escape("got shape (500, 0)")):
         match.transfer(np.zeros((500, 0), dtype=int))
     assert match.transfer(pd.Series(["leg"] * 500)).tolist() == ["leg"] * len(match.p2p)
-    with pytest.raises(ValueError, match="show must hold one at least"):
+    with pytest.raises(ValueError, match="show must be a list of at least one"):
         plot_matches([match], collection.meshes[5:], collection.meshes[0], show=())
     assert np.isnan(CURVE.mean("direct"))
     assert coverage([0, 0], [1.0, 1.0]) == 0.5

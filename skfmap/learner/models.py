@@ -65,7 +65,7 @@ def match_between(
     -------
     list of Match
         One match for each pair, from ``X[i]`` to ``X[j]``, which is its reference; see
-        `WeightedFunctionalMapLearner.match_between`.
+        `WeightedFunctionalMapLearner.match_between`, and `PartialMatcher.match_between` for parts.
 
     Raises
     ------
