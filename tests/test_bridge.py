@@ -156,7 +156,7 @@ def test_a_bridge_is_not_chosen_without_expected_errors(make_learner, probed, co
 
 def test_a_bridged_learner_takes_a_learner(probed, collection):
     with pytest.raises(
-        TypeError, match=r"estimator must be a WeightedFunctionalMapLearner object.*got str"
+        TypeError, match=r"estimator must be a WeightedFunctionalMapLearner.*got str"
     ):
         BridgedLearner("learner").fit(probed[:4], collection.truths[:4])
 
@@ -182,7 +182,7 @@ def test_any_shape_maps_to_any_other_of_the_collection(fitted, probed, collectio
 def test_shapes_matched_to_unequal_references_do_not_compose(fitted, through, probed):
     (first,) = fitted.match(probed[5:])
     (second,) = through.bridge_.match(probed[5:])
-    with pytest.raises(ValueError, match="matched to one reference"):
+    with pytest.raises(ValueError, match="matched to the same reference"):
         first.to(second)
 
 

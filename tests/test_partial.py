@@ -14,7 +14,7 @@ from sklearn.pipeline import make_pipeline
 import skfmap
 from skfmap import Mesh, PartialMatcher
 from skfmap.datasets import make_creatures
-from skfmap.exceptions import SkippedShapeWarning, UnfamiliarShapeWarning
+from skfmap.exceptions import RepairWarning, SkippedShapeWarning, UnfamiliarShapeWarning
 from skfmap.functional.samples import farthest_points
 from skfmap.geometry.closest import ClosestPoints
 from skfmap.geometry.cutting import rim_length
@@ -193,6 +193,17 @@ def test_matches_know_their_meshes_and_names_wherever_whole_shapes_stand(
         np.testing.assert_array_equal(saved["covered_probability"], matches[0].covered_probability)
 
 
+def test_warnings_of_whole_shapes_among_parts_count_as_x_does(matcher, scan, creatures):
+    whole = creatures.meshes[5]
+    loose = np.concatenate([whole.vertices, whole.vertices[:3] + 100 * np.ptp(whole.vertices)])
+    n = whole.n_vertices
+    broken = loose, np.concatenate([whole.faces, [[n, n + 1, n + 1]]])
+    with pytest.warns(RepairWarning, match="shape 1"):
+        part, found = skfmap.match(matcher, [(scan.vertices, scan.faces), broken])
+    assert (part.name, found.name) == ("shape 0", "shape 1")
+    assert found.covered.all()
+
+
 def test_a_hole_as_small_as_an_eye_leaves_a_shape_whole(matcher, creatures):
     whole = creatures.meshes[5]
     holed = Mesh(whole.vertices, whole.faces[1:])
@@ -228,9 +239,26 @@ def test_a_part_that_is_too_small_is_told_and_not_matched(matcher, creatures, sc
     assert np.isnan(nothing.covered_probability).all()
 
 
-def test_other_units_are_told(matcher, scan):
-    with pytest.warns(SkippedShapeWarning, match="in the units of the training shapes"):
-        skfmap.match(matcher, [Mesh(10 * scan.vertices, scan.faces)])
+@pytest.mark.parametrize(
+    ("factor", "told"),
+    [
+        (1000.0, "1000 times smaller would explain that: multiply its coordinates by 0.001"),
+        (0.01, "100 times larger would explain that: multiply its coordinates by 100"),
+        (25.4, "25.4 times smaller"),
+        (4.0, "in the units of the training shapes"),
+    ],
+)
+def test_other_units_are_told_and_what_to_multiply_by(matcher, scan, factor, told):
+    with pytest.warns(SkippedShapeWarning, match=told):
+        skfmap.match(matcher, [Mesh(factor * scan.vertices, scan.faces)])
+
+
+def test_a_flake_of_no_size_is_no_whole_shape(matcher, scan):
+    """Its rim is short, but long for its area."""
+    flake = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0]]) * 0.02 * np.sqrt(scan.area)
+    with pytest.warns(SkippedShapeWarning, match="too little"):
+        (nothing,) = skfmap.match(matcher, [(flake, np.array([[0, 1, 2]]))])
+    assert (nothing.p2p == -1).all()
 
 
 def test_another_kind_of_body_is_told(matcher, collection, creatures):
@@ -277,6 +305,99 @@ def test_two_parts_are_matched_through_the_reference(matcher, match, creatures):
     assert np.array_equal(np.isfinite(expected), known)
 
 
+@pytest.fixture(scope="module")
+def three(creatures, scan):
+    """Return two parts and a whole shape, of three creatures."""
+    other = PlaneCut(0.7, 0.7).cut(creatures.meshes[1], np.random.default_rng(4))
+    return [scan, other, creatures.meshes[2]]
+
+
+@pytest.fixture(scope="module")
+def between(matcher, three):
+    pairs = [(0, 1), (1, 0), (0, 2), (2, 0), (1, 1), (2, 2)]
+    return dict(zip(pairs, skfmap.match_between(matcher, three, pairs), strict=True))
+
+
+@pytest.mark.parametrize("pair", [(0, 1), (0, 2)])
+def test_pairs_of_parts_go_both_ways(pair, between, three):
+    """What one way is the inverse of the other, and each tells what the other shows of it."""
+    i, j = pair
+    there, back = between[i, j], between[j, i]
+    assert (len(there.p2p), len(there.covered)) == (three[i].n_vertices, three[j].n_vertices)
+    assert np.array_equal(there.inverse, back.p2p)
+    assert np.array_equal(there.covered, back.p2p >= 0)
+    assert np.array_equal(back.covered, there.p2p >= 0)
+    known = there.p2p >= 0
+    assert 0.2 < known.mean() <= 1
+    assert there.matrix.sum(axis=1) == pytest.approx(known.astype(float))
+    at = three[j].vertices
+    again = np.flatnonzero(known & back.covered)
+    assert np.array_equal(there.mesh.vertices, three[i].vertices)
+    assert np.array_equal(there.reference_mesh.vertices, at)
+    assert there.reference_hash == three[j].content_hash
+    middle = np.linalg.norm(
+        three[i].vertices[again] - three[i].vertices[back.p2p[there.p2p[again]]], axis=1
+    )
+    assert np.nanmedian(middle) < 0.06 * np.sqrt(three[i].area)
+
+
+@pytest.mark.parametrize(("pair", "own", "other"), [((0, 1), 5, 1), ((1, 0), 1, 5), ((0, 2), 5, 2)])
+def test_pairs_of_parts_agree_with_the_truth_and_not_worse_than_over_the_reference(
+    pair, own, other, between, three, creatures, matcher
+):
+    at, there = (creatures.meshes[k].vertices[_vertices(creatures, k)] for k in (own, other))
+    unit, (i, j) = np.sqrt(creatures.meshes[0].area), pair
+    away, rows = cKDTree(three[i].vertices).query(at)
+    shown = away < 0.02 * unit
+    shown &= cKDTree(three[j].vertices).query(there)[0] < 0.02 * unit
+    rows, truth = rows[shown], there[shown]
+
+    def error(p2p):
+        found = p2p[rows]
+        gaps = np.linalg.norm(three[j].vertices[found] - truth, axis=1)[found >= 0]
+        return gaps.mean() / unit, (found >= 0).mean()
+
+    match = between[pair]
+    gap, answered = error(match.p2p)
+    one, two = skfmap.match(matcher, [three[i], three[j]])
+    over, _ = error(one.to(two)[0])
+    assert answered > 0.8
+    assert gap < 0.09
+    assert gap < 1.05 * over
+
+
+def test_a_part_to_itself_and_whole_shapes_to_whole_ones(between, three, matcher):
+    itself, whole = between[1, 1], between[2, 2]
+    known = itself.p2p >= 0
+    assert known.mean() > 0.9
+    assert np.array_equal(itself.p2p[known], np.flatnonzero(known))
+    assert (itself.expected_error[known] == 0).all()
+    (alone,) = skfmap.match_between(matcher.estimator_, three[2:], [(0, 0)])
+    assert np.array_equal(whole.p2p, alone.p2p)
+    assert np.array_equal(whole.functional_map, alone.functional_map)
+    assert whole.covered.all()
+
+
+def test_pairs_with_what_cannot_be_matched_are_told_once(matcher, three, creatures):
+    crumb = DiscCut(0.1, 0.1).cut(creatures.meshes[5], np.random.default_rng(0))
+    with pytest.warns(SkippedShapeWarning, match=r"X\[1\]") as told:
+        there, back, fine = skfmap.match_between(
+            matcher, [three[0], crumb, three[1]], [(0, 1), (1, 0), (0, 2)]
+        )
+    assert len(told) == 1
+    for match in (there, back):
+        assert (match.p2p == -1).all()
+        assert not match.covered.any()
+        assert np.isnan(match.covered_probability).all()
+    assert (len(there.covered), len(back.covered)) == (crumb.n_vertices, three[0].n_vertices)
+    assert (fine.p2p >= 0).any()
+
+
+def test_pairs_of_no_indices_are_refused(matcher, scan):
+    with pytest.raises(ValueError, match="each index of pairs"):
+        skfmap.match_between(matcher, [scan], [(0, 1)])
+
+
 class _Half(Cut):
     def part(self, vertices, faces, share, rng):
         height = vertices[faces, 2].mean(axis=1)
@@ -289,9 +410,9 @@ def test_words_of_a_match_are_checked_where_all_are_parts(wrong, matcher, scan):
         matcher.match([scan], **wrong)
 
 
-@pytest.mark.parametrize("ask", [skfmap.match_between, skfmap.register, skfmap.predict_landmarks])
+@pytest.mark.parametrize("ask", [skfmap.register, skfmap.predict_landmarks])
 def test_what_parts_cannot_be_asked_is_told(ask, matcher, scan):
-    with pytest.raises(TypeError, match=r"PartialMatcher (matches no pairs|cannot)"):
+    with pytest.raises(TypeError, match=r"PartialMatcher cannot"):
         ask(matcher, [scan, scan])
 
 

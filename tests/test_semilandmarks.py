@@ -334,7 +334,7 @@ def test_what_cannot_slide_is_told():
         slide([one], [mesh, mesh], surfaces=["s1"])
     with pytest.raises(TypeError, match="surfaces must be a list of names"):
         slide([one], [mesh], surfaces="s1")
-    with pytest.raises(CorrespondenceError, match="Another specimen's file"):
+    with pytest.raises(CorrespondenceError, match="belongs to this specimen"):
         slide([one], [Mesh(mesh.vertices[:, ::-1] * 2 + 3, mesh.faces)], surfaces=["s1"])
     gap = one.points.copy()
     gap[N_FIXED + 1] = np.nan
@@ -410,7 +410,7 @@ def test_another_reference_and_shapes_that_do_not_fit_are_refused():
     with pytest.raises(CorrespondenceError, match="divided by 1000"):
         carry_points([_registered(BALL.vertices)], Landmarks(1000 * points.points), BALL)
     elsewhere = Mesh(BALL.vertices + 5, BALL.faces)
-    with pytest.raises(CorrespondenceError, match="Another specimen's file"):
+    with pytest.raises(CorrespondenceError, match="belongs to this specimen"):
         carry_points([_registered(BALL.vertices)], points, BALL, [elsewhere])
     with pytest.raises(TypeError, match="must be what skfmap"):
         carry_points([BALL], points, BALL)

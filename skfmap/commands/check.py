@@ -4,7 +4,8 @@ import argparse
 import warnings
 from pathlib import Path
 
-from skfmap.commands.inputs import add_by_number, mesh_files
+from skfmap.commands.inputs import add_by_number, check_two_usable, mesh_files
+from skfmap.commands.outputs import add_quiet
 from skfmap.datasets import load_collection
 from skfmap.exceptions import RepairWarning, SkippedShapeWarning
 from skfmap.health import check_mesh
@@ -30,6 +31,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         default="cotangent",
         help="for which Laplacian (default: cotangent)",
     )
+    add_quiet(parser, "tell only what is wrong")
 
 
 def run(options: argparse.Namespace) -> int:
@@ -38,24 +40,29 @@ def run(options: argparse.Namespace) -> int:
     for given in options.meshes:
         for path in mesh_files([given]):
             report = check_mesh(path)
-            print(report)
+            if report.faults or not options.quiet:
+                print(report)
             sound &= report.usable(options.laplacian)
         if given.is_dir():
-            sound &= _check_folder(given, options.pattern, by_number=options.by_number)
+            sound &= _check_folder(given, options)
     return 0 if sound else 1
 
 
-def _check_folder(folder: Path, pattern: str, *, by_number: bool) -> bool:
+def _check_folder(folder: Path, options: argparse.Namespace) -> bool:
     """Say what training would find in a folder; return whether it would leave nothing out."""
     try:
         with warnings.catch_warnings():
             for told in (RepairWarning, SkippedShapeWarning):  # here, in lines of its own
                 warnings.simplefilter("ignore", told)
-            collection = load_collection(folder, pattern, on_invalid="skip", by_number=by_number)
+            collection = load_collection(
+                folder, options.pattern, on_invalid="skip", by_number=options.by_number
+            )
+        check_two_usable(collection.meshes)
     except (ValueError, OSError) as error:
         print(f"{folder} cannot be trained on: {error}")
         return False
-    print(collection.DESCR)
+    if not options.quiet:
+        print(collection.DESCR)
     left_out = [one for one in collection.meshes if isinstance(one, SkippedShape)]
     for one in left_out:
         print(f"  {one.name} would be left out: {one.reason}")

@@ -3,7 +3,7 @@
 import argparse
 from pathlib import Path
 
-from skfmap.commands.outputs import check_free
+from skfmap.commands.outputs import add_quiet, check_free
 from skfmap.io import (
     LANDMARK_SUFFIXES,
     READ_SUFFIXES,
@@ -38,6 +38,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--force", action="store_true", help="write over a file that is there already"
     )
+    add_quiet(parser, "do not say what was written")
 
 
 def run(options: argparse.Namespace) -> int:
@@ -46,7 +47,7 @@ def run(options: argparse.Namespace) -> int:
     if options.source.name.lower().endswith(LANDMARK_SUFFIXES):
         marks = read_landmarks(options.source, system=options.system)
         write_landmarks(marks, options.output, overwrite=True)  # whether it may be was asked
-        print(f"{len(marks.names)} landmarks: {options.output}")
+        _say(options, f"{len(marks.names)} landmarks: {options.output}")
         return 0
     if options.system is not None:
         raise ValueError("--system is for landmarks; a mesh names no system of coordinates.")
@@ -54,7 +55,12 @@ def run(options: argparse.Namespace) -> int:
         raise ValueError(f"{options.source} is a folder; convert its files one by one.")
     mesh = read_mesh(options.source)
     write_mesh(mesh, options.output)
-    print(f"{mesh.n_vertices} vertices and {mesh.n_faces} faces: {options.output}")
+    _say(options, f"{mesh.n_vertices} vertices and {mesh.n_faces} faces: {options.output}")
     if ".stl" in {path.suffix.lower() for path in (options.source, options.output)}:
         print("STL holds no vertices, only corners of triangles: they are numbered anew.")
     return 0
+
+
+def _say(options: argparse.Namespace, told: str) -> None:
+    if not options.quiet:
+        print(told)

@@ -1,6 +1,7 @@
 """Find the verb, run it, and say in one line what went wrong."""
 
 import argparse
+import difflib
 import io
 import re
 import sys
@@ -81,6 +82,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """
     verb, rest = split_verb(sys.argv[1:] if arguments is None else arguments)
     with _escaped_output(), _plain_warnings():
+        if verb == "demo" and rest and _is_no_folder(rest[0]):
+            print(f"skfmap: {_no_verb(rest[0])}", file=sys.stderr)
+            return 2
         try:
             options = parser_of(verb).parse_args(rest)
         except SystemExit as stopped:  # --help, --version, or a wrong option, told by argparse
@@ -121,6 +125,17 @@ def parser_of(verb: str) -> argparse.ArgumentParser:
     parser.add_argument("--version", action="version", version=f"skfmap {__version__}")
     parser.set_defaults(program=program)
     return parser
+
+
+def _is_no_folder(word: str) -> bool:
+    """Tell whether a word is neither an option nor anything that lies on the disk."""
+    return not word.startswith("-") and not Path(word).exists()
+
+
+def _no_verb(word: str) -> str:
+    nearest = difflib.get_close_matches(word.lower(), VERBS, n=1)
+    meant = f" Did you mean {nearest[0]}?" if nearest else ""
+    return f"There is no folder {word}, and no verb of that name.{meant} Verbs: {', '.join(VERBS)}."
 
 
 def _verbs(program: str) -> str:

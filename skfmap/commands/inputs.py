@@ -13,12 +13,14 @@ from skfmap._tools.warn import warn
 from skfmap.exceptions import SkippedShapeWarning
 from skfmap.io import READ_SUFFIXES, unread_formats
 from skfmap.persistence import load_model, save_model
+from skfmap.shapes import SkippedShape
 
 __all__ = [
     "PICKLED",
     "add_by_number",
     "add_new_shapes",
     "check_model_path",
+    "check_two_usable",
     "mesh_files",
     "read_model",
     "write_model",
@@ -65,6 +67,8 @@ def read_model(path: Path) -> Any:
     """Return the model that a file holds, which reads meshes itself."""
     if not path.is_file():
         raise FileNotFoundError(f"There is no model file {path}; train makes one.")
+    if path.suffix.lower() in READ_SUFFIXES:
+        raise ValueError(f"{path} is a mesh, and the model comes first, as MODEL {path}.")
     model = _unpickled(path) if path.suffix.lower() in PICKLED else load_model(path)
     try:
         learner = last_step(model)
@@ -92,6 +96,22 @@ def check_model_path(path: Path) -> None:
             ) from error
 
 
+def check_two_usable(meshes: Sequence[Any]) -> None:
+    """Raise where all meshes of a folder but the reference are left out: nothing can be learned.
+
+    Raises
+    ------
+    ValueError
+        If there are more meshes than the reference, and none of them can be used.
+    """
+    others = meshes[1:]
+    if others and all(isinstance(one, SkippedShape) for one in others):
+        raise ValueError(
+            f"only the reference, {meshes[0].name}, can be used. {others[0].name}: "
+            f"{others[0].reason}"
+        )
+
+
 def write_model(model: Any, path: Path) -> None:
     """Write a model in the format that the suffix chooses."""
     if path.suffix.lower() in PICKLED:
@@ -113,6 +133,11 @@ def _unpickled(path: Path) -> Any:
 def _file(path: Path) -> Path:
     if not path.exists():
         raise FileNotFoundError(f"There is no mesh {path}.")
+    if path.suffix.lower() in (".skops", *PICKLED):
+        raise ValueError(
+            f"{path} is a model, not a mesh. Use it as match {path} NEW.ply; report {path} FOLDER "
+            "says whether it can be trusted."
+        )
     if path.suffix.lower() not in READ_SUFFIXES:
         raise ValueError(
             f"{path} is not a mesh that can be read; those end in {', '.join(READ_SUFFIXES)}."

@@ -11,7 +11,16 @@ from joblib import effective_n_jobs
 from skfmap._tools.parallel import tell
 from skfmap._tools.unwrap import last_step, learner_and_shapes
 from skfmap.commands.inputs import add_new_shapes, mesh_files, read_model
-from skfmap.commands.outputs import add_output, check_free, show_table, targets_of, write_table
+from skfmap.commands.outputs import (
+    SUMMARY_ENDS,
+    add_output,
+    add_quiet,
+    check_free,
+    is_summary,
+    show_table,
+    targets_of,
+    write_table,
+)
 from skfmap.exceptions import SkippedShapeWarning, UnfamiliarShapeWarning
 from skfmap.shapes import SkippedShape
 
@@ -63,7 +72,7 @@ def add_common(parser: argparse.ArgumentParser, default: str, what: str) -> None
     parser.add_argument(
         "--jobs", type=int, default=-1, help="shapes processed in parallel (default: one per core)"
     )
-    parser.add_argument("--quiet", action="store_true", help="tell no progress")
+    add_quiet(parser)
 
 
 def run_on_new_shapes(
@@ -80,7 +89,9 @@ def run_on_new_shapes(
     paths = mesh_files(options.meshes)
     targets = targets_of(paths, options.output, suffix)
     summary = options.output / _SUMMARY
-    check_free([*targets.values(), *also, summary], force=options.force)
+    # The summary of an earlier run, as one into another format, is about that run alone.
+    kept = [] if is_summary(summary) else [summary]
+    check_free([*targets.values(), *also, *kept], force=options.force)
     model = read_model(options.model)
     doing = work(last_step(model))
     rows = [
@@ -90,10 +101,10 @@ def run_on_new_shapes(
     if doing.finish is not None and not all(row.note for row in rows):
         doing.finish()
     rows.sort(key=lambda row: (not row.note, *(-doubt for doubt in row.doubt)))
-    header = ("shape", *doing.columns)
+    header = (SUMMARY_ENDS[0], *doing.columns)
     write_table(
         summary,
-        (*header, "note"),
+        (*header, SUMMARY_ENDS[1]),
         [(row.name, *row.cells, row.note or row.told) for row in rows],
     )
     failed = [row for row in rows if row.note]

@@ -7,7 +7,22 @@ from pathlib import Path
 
 import numpy as np
 
-__all__ = ["add_output", "check_free", "show_table", "targets_of", "write_table"]
+from skfmap._tools.validation import check_length
+
+__all__ = [
+    "SUMMARY_ENDS",
+    "add_output",
+    "add_quiet",
+    "check_free",
+    "is_summary",
+    "show_table",
+    "targets_of",
+    "write_table",
+]
+
+
+SUMMARY_ENDS = ("shape", "note")
+"""First and last column of the summary that the verbs write about new shapes."""
 
 
 def add_output(parser: argparse.ArgumentParser, default: str, what: str) -> None:
@@ -20,6 +35,11 @@ def add_output(parser: argparse.ArgumentParser, default: str, what: str) -> None
         help=f"{what} (default: %(default)s)",
     )
     parser.add_argument("--force", action="store_true", help="overwrite existing files")
+
+
+def add_quiet(parser: argparse.ArgumentParser, what: str = "tell no progress") -> None:
+    """Add the option to say less."""
+    parser.add_argument("-q", "--quiet", action="store_true", help=what)
 
 
 def targets_of(paths: Sequence[Path], folder: Path, suffix: str) -> dict[Path, Path]:
@@ -58,6 +78,7 @@ def check_free(paths: Iterable[Path], *, force: bool) -> None:
     for path in paths:
         if paths.count(path) > 1:
             raise ValueError(f"Two results would be written to {path}; rename one.")
+        check_length(path)
         if path.is_dir():
             raise ValueError(f"{path} is a folder, and a file is to be written; give another name.")
     there = [path for path in paths if path.exists()]
@@ -79,6 +100,16 @@ def write_table(path: Path, header: Sequence[str], rows: Iterable[Sequence[objec
         writer = csv.writer(file, lineterminator="\n")
         writer.writerow(header)
         writer.writerows([_cell(value, 8) for value in row] for row in rows)
+
+
+def is_summary(path: Path) -> bool:
+    """Tell whether a file is the summary of an earlier run, of whatever verb."""
+    try:
+        with path.open(encoding="utf-8", newline="") as file:
+            head = next(csv.reader(file), [])
+    except (OSError, ValueError):
+        return False
+    return len(head) > 2 and (head[0], head[-1]) == SUMMARY_ENDS
 
 
 def show_table(header: Sequence[str], rows: Iterable[Sequence[object]]) -> str:

@@ -4,7 +4,7 @@ import argparse
 from pathlib import Path
 
 from skfmap.commands.inputs import add_by_number, read_model
-from skfmap.commands.outputs import add_output, check_free
+from skfmap.commands.outputs import add_output, add_quiet, check_free
 from skfmap.datasets import load_collection
 
 __all__ = ["DESCRIPTION", "HELP", "add_arguments", "run"]
@@ -27,7 +27,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--folds", type=int, default=5, help="in how many groups shapes are left out (default: 5)"
     )
-    parser.add_argument("--quiet", action="store_true", help="tell no progress")
+    add_quiet(parser)
 
 
 def run(options: argparse.Namespace) -> int:

@@ -16,10 +16,15 @@ from skfmap._tools.parallel import tell
 from skfmap._tools.types import RaiseOrSkip
 from skfmap._tools.validation import check_number
 from skfmap.basis import ON_INVALID, SpectralBasis
-from skfmap.commands.inputs import add_by_number, check_model_path, write_model
+from skfmap.commands.inputs import (
+    add_by_number,
+    check_model_path,
+    check_two_usable,
+    write_model,
+)
 from skfmap.commands.match import mean_error
-from skfmap.commands.outputs import add_output, check_free, show_table, write_table
-from skfmap.datasets import load_collection
+from skfmap.commands.outputs import add_output, add_quiet, check_free, show_table, write_table
+from skfmap.datasets import Collection, load_collection
 from skfmap.descriptors import DescriptorTransformer
 from skfmap.exceptions import (
     CoverageWarning,
@@ -108,7 +113,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--jobs", type=int, default=-1, help="shapes processed in parallel (default: one per core)"
     )
-    parser.add_argument("--quiet", action="store_true", help="tell no progress")
+    add_quiet(parser)
 
 
 def run(options: argparse.Namespace) -> int:
@@ -120,13 +125,7 @@ def run(options: argparse.Namespace) -> int:
     evaluated = () if options.no_evaluation else (page, errors)
     check_free([options.output, *evaluated], force=options.force)
     _tell(options, f"reading {options.folder}")
-    collection = load_collection(
-        options.folder,
-        options.pattern,
-        options.reference,
-        on_invalid=options.on_invalid,
-        by_number=options.by_number,
-    )
+    collection = _collection(options)
     _tell(options, collection.DESCR)
     steps = _steps(collection, options)
     shapes = _probed(steps, collection)
@@ -142,9 +141,35 @@ def run(options: argparse.Namespace) -> int:
         print(f"Left out: {one.name}: {one.reason}")
     n_used = len(shapes) - len(left_out)
     print(f"Model trained on {n_used} of {len(shapes)} shapes: {options.output}. To use it:")
-    verb = "landmarks" if _has_landmarks(collection) else "match"
-    print(f"    {options.program} {verb} {shlex.quote(str(options.output))} NEW.ply -o out")
+    for verb in _next_verbs(collection, options):
+        print(f"    {options.program} {verb} {shlex.quote(str(options.output))} NEW.ply -o out")
     return 1 if left_out else 0
+
+
+def _collection(options: argparse.Namespace) -> Collection:
+    """Read the folder; raise, in one line, where there is nothing in it to learn from."""
+    with warnings.catch_warnings(record=True) as told:
+        collection = load_collection(
+            options.folder,
+            options.pattern,
+            options.reference,
+            on_invalid=options.on_invalid,
+            by_number=options.by_number,
+        )
+    try:
+        check_two_usable(collection.meshes)
+    except ValueError as error:
+        raise ValueError(f"{options.folder} cannot be trained on: {error}") from None
+    for one in told:
+        warnings.warn_explicit(one.message, one.category, one.filename, one.lineno)
+    return collection
+
+
+def _next_verbs(collection: Bunch, options: argparse.Namespace) -> list[str]:
+    """Return what the model is for: what was asked for, and matching otherwise."""
+    for_landmarks = ["landmarks"] if _has_landmarks(collection) else []
+    to_register = ["register"] if options.refine == "register" else []
+    return [*for_landmarks, *to_register] or ["match"]
 
 
 def _has_landmarks(collection: Bunch) -> bool:

@@ -63,7 +63,8 @@ def load_collection(
       unknown;
     - ``NAME.template.txt`` or ``.npy``: the vertex of each template point, counted from 0, -1 where
       unknown;
-    - ``NAME.txt`` or ``.npy``: two columns, vertex and template point, counted from 0;
+    - ``NAME.txt`` or ``.npy``: two columns, vertex and template point, counted from 0; and
+      ``NAME.sym.txt`` or ``.npy`` if there is one, which is that of symmetric counterparts;
     - landmarks, in the coordinates of the mesh, in any format of `skfmap.io.read_landmarks`:
       ``NAME.fcsv``, ``NAME.mrk.json``, ``NAME_picked_points.pp``, ``NAME.tps``, ``NAME.pts``,
       ``NAME.csv``, ``NAME.tsv``, and ``NAME.txt`` with three columns or more. Behind ``NAME`` may
@@ -370,8 +371,9 @@ def _find_correspondence(path: Path, mesh: Mesh) -> tuple[Correspondence | None,
                 if kind == "pairs" and suffix == ".txt" and is_table_of_points(file):
                     continue
                 try:
-                    values = _read_integers(file) if kind == "pairs" else _read_column(file)[0]
-                    return _of_kind(kind, values, file, mesh), file
+                    if kind == "pairs":
+                        return _of_pairs(file, mesh), file
+                    return _of_kind(kind, _read_column(file)[0], file, mesh), file
                 except CorrespondenceError as error:
                     raise CorrespondenceError(
                         str(error) if str(file) in str(error) else f"{file}: {error}"
@@ -476,7 +478,7 @@ def _read_numbers(path: Path) -> Array:
         values = (
             np.load(file, allow_pickle=False)
             if path.suffix == ".npy"
-            else np.loadtxt(read_text(path))
+            else np.loadtxt(read_text(path), ndmin=2)
         )
     except Exception as error:
         said = str(error).rstrip(".")
@@ -506,17 +508,27 @@ def _as_integers(values: Array, path: Path) -> IntArray:
     return values.astype(np.int64)
 
 
+def _of_pairs(path: Path, mesh: Mesh) -> Correspondence:
+    """Return the pairs of a file, with those of symmetric answers if these lie beside it."""
+    beside = path.with_name(f"{path.stem}.sym{path.suffix}")
+    symmetric = _read_pairs(beside, mesh) if beside.is_file() else None
+    return Correspondence(_read_pairs(path, mesh), symmetric)
+
+
+def _read_pairs(path: Path, mesh: Mesh) -> IntArray:
+    values = _read_integers(path)
+    if values.ndim != 2 or values.shape[1] != 2:
+        raise CorrespondenceError(
+            f"{path} must have two columns, vertex and template point; got shape "
+            f"{values.shape}. Name a file of one column {path.stem}.vertices{path.suffix} "
+            f"(template point of each vertex) or {path.stem}.template{path.suffix} (vertex of "
+            "each template point)."
+        )
+    check_index_range(values[:, 0], mesh.n_vertices, f"The pairs of {path}")
+    return values
+
+
 def _of_kind(kind: str, values: IntArray, path: Path, mesh: Mesh) -> Correspondence:
-    if kind == "pairs":
-        if values.ndim != 2 or values.shape[1] != 2:
-            raise CorrespondenceError(
-                f"{path} must have two columns, vertex and template point; got shape "
-                f"{values.shape}. Name a file of one column {path.stem}.vertices{path.suffix} "
-                f"(template point of each vertex) or {path.stem}.template{path.suffix} (vertex of "
-                "each template point)."
-            )
-        check_index_range(values[:, 0], mesh.n_vertices, f"The pairs of {path}")
-        return Correspondence(values)
     if kind == "template":
         check_index_range(values[values >= 0], mesh.n_vertices, f"The entries of {path}")
         return Correspondence.from_template(values)
@@ -562,7 +574,8 @@ def _not_by_number(read: list[_Read], folder: Path, *, asked: bool) -> dict[int,
                 else f"{folder} has no correspondence files, and {said}, so that vertices do not "
                 "correspond by number. Put a file beside each mesh: NAME.vts, NAME.vertices.txt, "
                 "NAME.template.txt, NAME.txt or landmarks; help(skfmap.datasets.load_collection) "
-                "explains them. If vertices do correspond, give by_number=True (--by-number)."
+                "explains them. If vertices do correspond, give by_number=True (--by-number). New "
+                "meshes, which a trained model is asked about, need no such files."
             )
     return faults
 

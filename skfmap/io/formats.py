@@ -36,12 +36,14 @@ _REMEDIES = {
     ),
 }  # fmt: skip
 
+_PACKED = (".7z", ".bz2", ".gz", ".rar", ".xz", ".zip", ".zst")
+
 _MOST = 8  # names that a message lists
 
 
 def remedy_for(suffix: str) -> str:
     """Return how a mesh of a format that is not read comes into one that is, as a sentence."""
-    remedy = _REMEDIES.get(suffix)
+    remedy = "unpack it first" if suffix in _PACKED else _REMEDIES.get(suffix)
     return f" {remedy[0].upper()}{remedy[1:]}." if remedy else ""
 
 
@@ -54,7 +56,7 @@ def unread_formats(folder: Path, files: Iterable[Path], read: Iterable[Path]) ->
     missed = sorted(
         path.name
         for path in files
-        if path.suffix.lower() in _REMEDIES and path.stem not in stems and path.name[0] != "."
+        if _is_unread(path) and _stem(path) not in stems and path.name[0] != "."
     )
     if not missed:
         return ""
@@ -65,3 +67,17 @@ def unread_formats(folder: Path, files: Iterable[Path], read: Iterable[Path]) ->
         f"{folder}: {', '.join(missed[:_MOST])}{rest} are left out, as {', '.join(suffixes)} is "
         f"not read.{''.join(remedies)}"
     )
+
+
+def _is_unread(path: Path) -> bool:
+    """Tell whether a file is a mesh of another format, or a mesh that is packed."""
+    suffix = path.suffix.lower()
+    inside = Path(path.stem).suffix.lower()
+    return suffix in _REMEDIES or (
+        suffix in _PACKED and (inside in READ_SUFFIXES or inside in _REMEDIES)
+    )
+
+
+def _stem(path: Path) -> str:
+    """Return the name of a mesh without its suffix, or suffixes where it is packed."""
+    return Path(path.stem).stem if path.suffix.lower() in _PACKED else path.stem

@@ -15,6 +15,7 @@ from skfmap.exceptions import CorrespondenceError
 from skfmap.geometry.closest import nearest_places
 from skfmap.geometry.geodesics import mean_edge_length
 from skfmap.geometry.position_colours import colours_of_position
+from skfmap.io.file_names import file_stem
 from skfmap.io.landmarks import write_landmarks
 from skfmap.io.meshes import check_single_precision
 from skfmap.io.vtk_written import vtk_of, vtp_of
@@ -65,6 +66,7 @@ def save_match(
             f"{there[0]} is there already; write to another, or pass overwrite=True."
         )
     contents = {target: _content(match, target, extras) for target in targets}
+    targets[0].parent.mkdir(exist_ok=True)
     for target, content in contents.items():
         if isinstance(content, Landmarks):
             write_landmarks(content, target, overwrite=overwrite)
@@ -74,24 +76,23 @@ def save_match(
 
 
 def _targets(match: Match, path: Path, landmarks: Landmarks | None) -> list[Path]:
-    """Return the files to write; make the folder where one is asked for."""
+    """Return the files to write, which are in a folder where one is asked for."""
+    check_folder(path)
     if not path.is_dir() and path.suffix:
         if _suffix(path) is None:
             raise ValueError(
                 f"{path} has the suffix {path.suffix!r}; a match is saved as "
                 f"{', '.join(MATCH_SUFFIXES)}, or into a folder."
             )
-        return [check_folder(path)]
-    check_folder(path)
-    path.mkdir(exist_ok=True)
-    stem = "".join(c if _is_allowed(c) else "_" for c in match.name or "match")
+        return [path]
+    if path.is_file():
+        raise NotADirectoryError(
+            f"{path} is a file; give a folder, or a name that ends as one of "
+            f"{', '.join(MATCH_SUFFIXES)}."
+        )
+    stem = file_stem(match.name or "match")
     suffixes = (*_USUAL, *(_OF_LANDMARKS if landmarks is not None else ()))
     return [path / f"{stem}{suffix}" for suffix in suffixes]
-
-
-def _is_allowed(character: str) -> bool:
-    """Tell whether names of files have a character on all systems."""
-    return character.isprintable() and character not in '/\\:*?"<>|'
 
 
 def _suffix(path: Path) -> str | None:

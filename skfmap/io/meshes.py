@@ -28,10 +28,11 @@ from skfmap.geometry.faults import sound_faces
 from skfmap.geometry.polygons import triangulate
 from skfmap.io.brains import FREESURFER_SUFFIXES, read_freesurfer, read_gifti
 from skfmap.io.formats import READ_SUFFIXES, WRITTEN_SUFFIXES, remedy_for
+from skfmap.io.gltf import read_gltf
 from skfmap.io.obj import read_obj
 from skfmap.io.off import read_off
 from skfmap.io.ply import read_ply
-from skfmap.io.scenes import read_gltf, read_stl
+from skfmap.io.stl import read_stl
 from skfmap.io.vtk import read_vtk, read_vtp
 from skfmap.io.vtk_written import vtk_of, vtp_of
 from skfmap.shapes import GivenMesh, Mesh, Registered, SkippedShape
@@ -55,6 +56,18 @@ __all__ = [
 # vertices. Its seven digits do so where a mesh is 1,700 times its extent away from the origin.
 _MOST_LOST = 1e-4
 
+# What files of any name may be, by how they begin.
+_NO_MESHES = {
+    b"\x1f\x8b": "packed (gzip). Unpack it first.",
+    b"pk\x03\x04": "packed (zip). Unpack it first.",
+    b"bzh": "packed (bzip2). Unpack it first.",
+    b"\xfd7zxz": "packed (xz). Unpack it first.",
+    b"version https://git-lfs": "a pointer of Git LFS in place of the mesh. Run git lfs pull.",
+    b"<!doctype html": "a page of the web. Download the file itself.",
+    b"<html": "a page of the web. Download the file itself.",
+}
+_HEAD = 64
+
 _OWN_READERS = {
     ".off": read_off,
     ".obj": read_obj,
@@ -64,7 +77,6 @@ _OWN_READERS = {
     ".gii": read_gifti,
     **dict.fromkeys(FREESURFER_SUFFIXES, read_freesurfer),
 }
-_OTHER_READERS = {".stl": read_stl, ".glb": read_gltf, ".gltf": read_gltf}
 
 
 class TrimeshLike(Protocol):
@@ -135,10 +147,14 @@ def read_arrays(path: str | Path) -> tuple[FloatArray, IntArray]:
             f"{remedy_for(suffix)}"
         )
     if not path.is_file():
-        raise FileNotFoundError(f"There is no mesh file {path}.")
+        home = f" Write {path.expanduser()}." if str(path).startswith("~") else ""
+        raise FileNotFoundError(f"There is no mesh file {path}.{home}")
     content = path.read_bytes()
     if not content.strip():
         raise MeshError(f"{path} is empty. Export the mesh again, or remove the file.")
+    for begin, what in _NO_MESHES.items():
+        if content[:_HEAD].lstrip().lower().startswith(begin):
+            raise MeshError(f"{path} cannot be read: it is {what}")
     try:
         if suffix in _OWN_READERS:
             vertices, polygons = _OWN_READERS[suffix](content)
@@ -146,7 +162,8 @@ def read_arrays(path: str | Path) -> tuple[FloatArray, IntArray]:
                 raise MeshError("has faces whose numbers of corners do not add up: it is damaged.")
             faces, crossing = triangulate(vertices, *polygons)
         else:
-            vertices, faces = _OTHER_READERS[suffix](path, content)
+            # glTF may keep its numbers in files beside it.
+            vertices, faces = read_stl(content) if suffix == ".stl" else read_gltf(path, content)
             crossing = faces[:0, 0]
     except MeshError as error:
         raise MeshError(f"{path} cannot be read: it {error}") from None

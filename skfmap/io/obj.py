@@ -11,9 +11,21 @@ from skfmap.io.numbers import Polygons, as_text, table_of_lines
 
 __all__ = ["read_obj", "read_uv"]
 
-_CONTINUED = re.compile(rb"\\\r?\n")
+# Lines of vertices and faces end with a backslash where they go on. Elsewhere it is the end of a
+# path, and the next line is one of its own.
+_CONTINUED = re.compile(rb"\\[ \t]*\n")
+_GEOMETRY = re.compile(rb"^[ \t]*(?:vt?|fo?)[ \t](?:[^#\n]*\\[ \t]*\n)+", re.MULTILINE)
 # Surfaces that are no polygons.
 _FREE_FORM = {b"curv", b"curv2", b"surf"}
+
+
+def _lines(content: bytes) -> list[bytes]:
+    """Return the lines of a text, those that go on in the next as one."""
+    text = as_text(content)
+    if b"\\" not in text:
+        return text.splitlines()
+    text = re.sub(rb"\r\n?", b"\n", text)
+    return _GEOMETRY.sub(lambda found: _CONTINUED.sub(b" ", found[0]), text).splitlines()
 
 
 def read_obj(content: bytes) -> tuple[FloatArray, Polygons]:
@@ -31,13 +43,13 @@ def read_obj(content: bytes) -> tuple[FloatArray, Polygons]:
     corners: list[int] = []
     counts: list[int] = []
     curved = False
-    for line in _CONTINUED.sub(b" ", as_text(content)).splitlines():
+    for line in _lines(content):
         words = line.split(b"#", maxsplit=1)[0].split()
         if not words:
             continue
         if words[0] == b"v":
             points.append(b" ".join(words[1:]))
-        elif words[0] == b"f":
+        elif words[0] in (b"f", b"fo"):  # the second is an old name of the first
             counts.append(len(words) - 1)
             corners += [_number(word, len(points), line) for word in words[1:]]
         curved |= words[0] in _FREE_FORM
@@ -104,13 +116,13 @@ def read_uv(path: str | Path) -> FloatArray:
     if not Path(path).is_file():
         raise FileNotFoundError(f"There is no mesh file {path}.")
     n_vertices, places, pairs = 0, list[bytes](), dict[int, int]()
-    for line in _CONTINUED.sub(b" ", as_text(Path(path).read_bytes())).splitlines():
+    for line in _lines(Path(path).read_bytes()):
         words = line.split(b"#", maxsplit=1)[0].split() or [b""]
         if words[0] == b"v":
             n_vertices += 1
         elif words[0] == b"vt":
             places.append(b" ".join([*words[1:3], b"0"][:2]))
-        elif words[0] == b"f":
+        elif words[0] in (b"f", b"fo"):
             for word in words[1:]:
                 parts = word.split(b"/")
                 if len(parts) > 1 and parts[1]:

@@ -18,7 +18,8 @@ from skfmap.io.numbers import (
 __all__ = ["read_off"]
 
 # Texture coordinates, colours, normals, a homogeneous fourth coordinate, another dimension.
-_KEYWORD = re.compile(rb"(ST)?(C)?(N)?(4)?(n)?OFF")
+# Colours and normals are written in either order. Only n and N differ by their case.
+_KEYWORD = re.compile(rb"(?:ST)?(?:C?N?|NC)(4)?(n)?OFF|[oO]ff")
 
 
 def read_off(content: bytes) -> tuple[FloatArray, Polygons]:
@@ -48,8 +49,8 @@ def read_off(content: bytes) -> tuple[FloatArray, Polygons]:
     else:  # what follows it in its line is another one
         rest = b" ".join(words[1:])
         lines = [rest, *lines[1:]] if rest else lines[1:]
-    homogeneous = keyword is not None and keyword[4] is not None
-    if keyword is not None and keyword[5] is not None:
+    homogeneous = keyword is not None and keyword[1] is not None
+    if keyword is not None and keyword[2] is not None:
         lines = _of_three_dimensions(lines)
     n_vertices, n_faces, lines = _counts(lines)
     if n_faces == 0:

@@ -15,12 +15,14 @@ _TYPES = {
     "char": "i1", "int8": "i1", "uchar": "u1", "uint8": "u1",
     "short": "i2", "int16": "i2", "ushort": "u2", "uint16": "u2",
     "int": "i4", "int32": "i4", "uint": "u4", "uint32": "u4",
+    "int64": "i8", "uint64": "u8",
     "float": "f4", "float32": "f4", "double": "f8", "float64": "f8",
 }  # fmt: skip
 _ORDERS = {"ascii": "", "binary_little_endian": "<", "binary_big_endian": ">"}
 _INDICES = ("vertex_indices", "vertex_index")
 _SHOWN = 60  # letters of a line that a message quotes
-_END = re.compile(rb"^end_header[ \t]*(\r\n|\n|\r)", re.MULTILINE)
+_END = re.compile(rb"(?<=\n)end_header[ \t]*\r?\n")
+_END_OF_OLD_MAC = re.compile(rb"(?<=\r)end_header[ \t]*\r")
 
 
 class _Property(NamedTuple):
@@ -61,12 +63,16 @@ def read_ply(content: bytes) -> tuple[FloatArray, Polygons]:
         raise MeshError(f"holds no vertices, only {', '.join(names) or 'nothing'}.")
     read = (_of_text if order == "" else _of_bytes)(body, order, elements)
     vertices = _positions(read["vertex"])
+    polygons: list[Polygons] = []
     if "face" in read and (found := _indices(read["face"], "faces")).counts.size:
-        return vertices, Polygons(whole(found.values, "a face"), found.counts)
+        polygons.append(Polygons(whole(found.values, "a face"), found.counts))
     if "tristrips" in read:
         strips = _indices(read["tristrips"], "triangle strips")
         corners = whole(strips.values, "a triangle strip")
-        return vertices, strips_as_polygons(Polygons(corners, strips.counts))
+        polygons.append(strips_as_polygons(Polygons(corners, strips.counts)))
+    if polygons:
+        corners, counts = (np.concatenate(each) for each in zip(*polygons, strict=True))
+        return vertices, Polygons(corners, counts)
     what = (
         "a grid of range images (range_grid), which is not read: save it with faces"
         if "range_grid" in names
@@ -76,18 +82,22 @@ def read_ply(content: bytes) -> tuple[FloatArray, Polygons]:
 
 
 def _header(content: bytes) -> tuple[str, list[_Element], bytes]:
-    end = _END.search(content)
+    # Lines end as the first does: data behind the last may begin with the byte of a line's end.
+    old_mac = re.match(rb"ply[ \t]*\r(?!\n)", content)
+    end = (_END_OF_OLD_MAC if old_mac else _END).search(content)
     if not re.match(rb"ply[ \t]*[\r\n]", content) or end is None:
         what = "its head has no end" if content.startswith(b"ply") else "it does not begin with ply"
         raise MeshError(
             f"is not a PLY file: {what}. Is it cut short, or was it saved in another format?"
         )
-    # Comments may be in any encoding, and only they are in more than ASCII.
+    # Comments may be in any encoding, and only they are in more than ASCII. In UTF-16 they have zero
+    # bytes, and bytes of letters that look like the ends of lines.
     lines = re.split(r"\r\n|\n|\r", content[: end.start()].decode("latin-1"))
-    order, elements = None, list[_Element]()
+    order, elements, wide = None, list[_Element](), False
     for line in lines[1:]:
-        words = line.split()
+        words = line.strip("\0").split()
         if not words or words[0] in ("comment", "obj_info"):
+            wide |= "\0" in line
             continue
         try:
             if words[0] == "format":
@@ -101,6 +111,8 @@ def _header(content: bytes) -> tuple[str, list[_Element], bytes]:
             else:
                 raise KeyError
         except (KeyError, IndexError, ValueError):
+            if wide and not (line.isascii() and line.isprintable()):
+                continue  # the rest of a comment
             raise MeshError(
                 f"has a line in its head that no PLY file has: {line[:_SHOWN]!r}. Is it damaged?"
             ) from None

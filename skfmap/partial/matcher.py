@@ -1,53 +1,62 @@
 """Parts of shapes, matched to the whole reference by any pipeline that matches whole ones."""
 
 import warnings
-from collections.abc import Sequence
-from dataclasses import replace
+from collections.abc import Iterable, Sequence
 from typing import Any, Self
 
 import numpy as np
-import scipy.sparse as sp
 from sklearn.base import BaseEstimator, clone
 from sklearn.pipeline import Pipeline
 from sklearn.utils import Tags, get_tags
 from sklearn.utils.validation import check_is_fitted
 
-from skfmap._tools.caching import hash_of_arrays
+from skfmap._measures import PairErrors, mean_over_shapes
 from skfmap._tools.parallel import map_shapes, tell
-from skfmap._tools.types import FloatArray, IntArray, Interpolation, RefineOverride
-from skfmap._tools.validation import check_choice, check_number
+from skfmap._tools.types import DistanceMethod, FloatArray, Interpolation, RefineOverride
+from skfmap._tools.unwrap import learner_and_shapes
+from skfmap._tools.validation import check_choice, check_number, check_sample_weight
 from skfmap._tools.warn import warn
 from skfmap._version import Versioned
 from skfmap.basis import SpectralBasis
 from skfmap.exceptions import MeshError, SkippedShapeWarning, UnfamiliarShapeWarning
-from skfmap.geometry.faults import sound_faces
-from skfmap.geometry.normals import vertex_normals
-from skfmap.io import MeshLike, as_arrays, check_meshes, n_vertices_of, named
+from skfmap.io import MeshLike, check_meshes, n_vertices_of, named
 from skfmap.learner import BridgedLearner, WeightedFunctionalMapLearner, models
-from skfmap.learner.about_meshes import given_of
-from skfmap.learner.given_answers import GivenReference, given_reference
-from skfmap.learner.new_shape import INTERPOLATIONS, blank_match
+from skfmap.learner.between import check_wanted
+from skfmap.learner.given_answers import given_reference
+from skfmap.learner.new_shape import INTERPOLATIONS
 from skfmap.learner.parameters import changed
-from skfmap.learner.training_set import TrainingSet
-from skfmap.partial.body import Body, LaidOnPart, Lesson, nearest_with_normals, shared_regions
+from skfmap.partial.answers import (
+    Knowledge,
+    Part,
+    all_covered,
+    arrays_of,
+    matched_part,
+    nothing_said,
+    with_meshes,
+)
+from skfmap.partial.between import (
+    OnReference,
+    between_parts,
+    no_pair,
+    part_on_reference,
+    whole_on_reference,
+)
 from skfmap.partial.cuts import Cut, make_cuts
-from skfmap.partial.scan import Scan, area_and_rim, scan_of
-from skfmap.partial.trust import PartTrust, Seen
+from skfmap.partial.kinds import TrainingSizes
+from skfmap.partial.learning import learned_from
+from skfmap.partial.scan import scan_of
+from skfmap.partial.scoring import (
+    PartScorer,
+    ScoredErrors,
+    as_correspondence,
+    parts_to_score,
+)
 from skfmap.refinement import Refinement
-from skfmap.registration.part import Registration, lay_on_training
-from skfmap.shapes import GivenMesh, Match, Mesh, SpectralShape
+from skfmap.shapes import Correspondence, Match
+from skfmap.shapes.skipped_shape import SetAside
 from skfmap.shapes.usable import Answer, describe
 
 __all__ = ["PartialMatcher"]
-
-# A mesh is whole whose rim is no longer than that of training shapes by this, in sqrt(area).
-_RIM = 0.1
-# Shares of the median area of the training shapes, below and above which nothing can be said.
-_TOO_SMALL, _TOO_LARGE = 0.15, 3.0
-# Farther than this from the laid reference, in sqrt(area), a point belongs to nothing.
-_NOTHING = 0.08
-# Groups of training shapes that are left out in turn.
-_N_FOLDS = 3
 
 
 class PartialMatcher(Versioned, BaseEstimator):
@@ -172,10 +181,18 @@ class PartialMatcher(Versioned, BaseEstimator):
                 "PartialMatcher leaves training shapes out in turn, and needs the reference and "
                 f"two more at least; got {len(training.used)} more."
             )
-        self._tell("laying the reference onto whole shapes")
-        whole, laid = _whole_shapes(training, learner)
-        fitted = self._learned(training, whole, laid, cuts)
-        self.__dict__.update(estimator_=pipeline, **fitted)
+        learned = learned_from(
+            training,
+            learner,
+            cuts,
+            n_cuts=self.n_cuts,
+            n_calibrated=self.n_calibrated,
+            random_state=self.random_state,
+            n_jobs=self.n_jobs,
+            tell=self._tell,
+        )
+        self.estimator_, self.body_, self.trust_ = pipeline, learned.body, learned.trust
+        self.unit_, self.areas_, self.rims_ = learned.unit, learned.areas, learned.rims
         return self
 
     def match(
@@ -214,26 +231,80 @@ class PartialMatcher(Versioned, BaseEstimator):
         items = check_meshes(X)
         check_choice(interpolate, "interpolate", INTERPOLATIONS)
         changed(_learner_of(self.estimator_).matcher_, refine=refine)  # raises also without wholes
-        kinds = [self._kind(item, i) for i, item in enumerate(items)]
-        whole = [i for i, kind in enumerate(kinds) if kind == "whole"]
+        kinds = self._kinds(items)
         found: dict[int, Match] = {}
-        if whole:
+        if "whole" in kinds:
             answers = models.match(
-                self.estimator_, [items[i] for i in whole], refine=refine, interpolate=interpolate
+                self.estimator_,
+                _only(items, kinds, "whole"),
+                refine=refine,
+                interpolate=interpolate,
             )
-            found.update(zip(whole, map(_all_covered, answers), strict=True))
-        found.update(self._parts(items, [i for i, kind in enumerate(kinds) if kind == "part"]))
-        tried = {i: kind for i, kind in enumerate(kinds) if kind not in ("whole", "part")}
-        for i in tried:
-            found[i] = self._nothing(items[i], i)
-        self._warn(items, found, tried)
-        reference = _learner_of(self.estimator_).reference_.spectral
-        return [
-            _called(found[i], named(item, i))
-            if kinds[i] == "whole"
-            else _with_meshes(found[i], item, i, reference)
-            for i, item in enumerate(items)
-        ]
+            found.update((i, all_covered(answers[i])) for i in _rows(kinds, "whole"))
+        parts = self._laid(items, _rows(kinds, "part"))
+        found.update(self._matched(items, parts))
+        for i in range(len(items)):
+            if i not in found:
+                found[i] = self._nothing(items[i], i)
+        self._warn(found, kinds)
+        return [found[i] for i in range(len(items))]
+
+    def match_between(
+        self, X: Sequence[MeshLike], pairs: Iterable[tuple[int, int]] | None = None
+    ) -> list[Match]:
+        """Match scans to one another; parts, and parts to whole shapes, through the reference.
+
+        Parameters
+        ----------
+        X : sequence of meshes
+            In the units of the training shapes.
+        pairs : iterable of (int, int), optional
+            From which scan to which: indices (i, j) into ``X``. All pairs of different scans, in
+            both directions, by default.
+
+        Returns
+        -------
+        list of Match
+            One for each pair, from ``X[i]`` to ``X[j]``, which is its reference. ``p2p`` sends
+            vertices of ``X[i]`` to vertices of ``X[j]``, and is -1 at those that ``X[j]`` does not
+            show; ``covered`` and ``covered_probability`` tell which vertices of ``X[j]`` the scan
+            ``X[i]`` shows, and ``inverse`` where these lie on it, -1 elsewhere. Pairs of whole
+            shapes are the pipeline's; others have no functional map, and its entries are NaN.
+            ``expected_error`` combines those of both ways to the reference, in units of sqrt(area)
+            of the *reference of the model*; None if one of the two is whole and the pipeline
+            calibrates no errors.
+
+        Raises
+        ------
+        TypeError, ValueError
+            If ``pairs`` does not hold pairs of indices into ``X``.
+
+        Warns
+        -----
+        SkippedShapeWarning, UnfamiliarShapeWarning
+            As in `match`, of each scan once.
+        """
+        check_is_fitted(self)
+        items = check_meshes(X)
+        wanted = check_wanted(pairs, len(items))
+        kinds = self._kinds(items)
+        whole = [pair for pair in wanted if all(kinds[i] == "whole" for i in pair)]
+        done: dict[tuple[int, int], Match] = {}
+        if whole:
+            among = _only(items, kinds, "whole")
+            answers = models.match_between(self.estimator_, among, whole)
+            done.update(zip(whole, map(all_covered, answers), strict=True))
+        mixed = [pair for pair in wanted if pair not in done]
+        matches, on_reference = self._on_reference(
+            items, kinds, {i for pair in mixed for i in pair}, {i for pair in whole for i in pair}
+        )
+        learner = _learner_of(self.estimator_)
+        for i, j in mixed:
+            if i in on_reference and j in on_reference:
+                done[i, j] = between_parts(on_reference[i], on_reference[j])
+            else:
+                done[i, j] = no_pair(learner, matches[i], matches[j])
+        return [done[pair] for pair in wanted]
 
     def functional_maps(self, X: Sequence[MeshLike]) -> FloatArray:
         """Return the full maps X_i(D) of whole shapes, by the pipeline.
@@ -267,6 +338,135 @@ class PartialMatcher(Versioned, BaseEstimator):
         check_is_fitted(self)
         return np.asarray(self.estimator_.predict(X))
 
+    def pair_errors(
+        self,
+        X: Sequence[MeshLike],
+        y: Sequence[Answer],
+        *,
+        method: DistanceMethod = "heat",
+        reference_y: Answer | None = None,
+    ) -> list[PairErrors]:
+        """Match scans of known correspondence, as they are, and return the error at each pair.
+
+        Parameters
+        ----------
+        X, y : sequence of meshes, sequence of correspondences
+            Parts or whole shapes, and where they lie on the template.
+        method : {"heat", "exact", "dijkstra"}, default="heat"
+            How distances on the reference are measured; see `skfmap.metrics.GeodesicDistances`.
+        reference_y : Correspondence or int array, optional
+            As in `WeightedFunctionalMapLearner.pair_errors`.
+
+        Returns
+        -------
+        list of PairErrors
+            In units of sqrt(area) of the reference. A point of a part without an answer counts as
+            one that is answered at random; a scan that was left out has no pairs.
+        """
+        check_is_fitted(self)
+        items, truths = self._checked_pairs(X, y)
+        kinds = self._kinds(items)
+        found: dict[int, PairErrors] = {}
+        if "whole" in kinds:
+            wholes = _only(items, kinds, "whole")
+            how: dict[str, Any] = {"method": method, "reference_y": reference_y}
+            learner, shapes = learner_and_shapes(self.estimator_, wholes)
+            errors = learner.pair_errors(shapes, y, **how)
+            found.update((i, errors[i]) for i in _rows(kinds, "whole"))
+        parts = self._laid(items, _rows(kinds, "part"))
+        matches = self._matched(items, parts)
+        self._warn(matches, kinds)
+        scorer = PartScorer(_learner_of(self.estimator_), method, reference_y)
+        for i, item in enumerate(items):
+            if i not in found:
+                match = matches[i] if i in matches else self._nothing(item, i)
+                found[i] = scorer.errors(match, truths[i])
+        return [found[i] for i in range(len(items))]
+
+    def errors_to_score(
+        self,
+        X: Sequence[MeshLike],
+        y: Sequence[Answer],
+        *,
+        method: DistanceMethod = "heat",
+        reference_y: Answer | None = None,
+    ) -> list[ScoredErrors]:
+        """Return the errors that `score` and the scorers of `skfmap.metrics` count.
+
+        Parameters
+        ----------
+        X, y, method, reference_y : optional
+            As in `pair_errors`.
+
+        Returns
+        -------
+        list of ScoredErrors
+            Of each scan. Of a whole shape also on one part by each of the cuts, which are drawn by
+            ``random_state`` and by the shape; ``mean(kind)`` counts the whole shape as much as its
+            parts.
+        """
+        errors = self.pair_errors(X, y, method=method, reference_y=reference_y)
+        items, truths = self._checked_pairs(X, y)
+        cuts, parts, owners = make_cuts(self.cuts), [], []
+        for i in _rows(self._kinds(items), "whole"):
+            if not errors[i].weights.any():
+                continue
+            given = arrays_of(items[i], i)
+            parts += parts_to_score(*given, truths[i], cuts, self.random_state)
+            owners += [i] * len(cuts)
+        own: dict[int, list[PairErrors]] = {i: [] for i in range(len(items))}
+        if parts:
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore")  # nobody has given these parts
+                how: dict[str, Any] = {"method": method, "reference_y": reference_y}
+                meshes, known = zip(*parts, strict=True)
+                of_parts = self.pair_errors(meshes, known, **how)
+            for i, one in zip(owners, of_parts, strict=True):
+                own[i].append(one)
+        return [ScoredErrors(one, own[i]) for i, one in enumerate(errors)]
+
+    def score(
+        self,
+        X: Sequence[MeshLike],
+        y: Sequence[Answer],
+        sample_weight: Sequence[float] | None = None,
+        reference_y: Answer | None = None,
+    ) -> float:
+        """Return minus the mean geodesic error on whole shapes and on their parts.
+
+        Higher is better. Of each whole shape one part by each of ``cuts`` is matched too, and the
+        mean of its parts counts as much as the whole shape. A scan that is a part counts as it is.
+
+        Parameters
+        ----------
+        X, y : sequence of meshes, sequence of correspondences
+            Held-out shapes, whole or in part, and where they lie on the template.
+        sample_weight : array-like of shape (n_shapes,), optional
+            How much each shape counts, with its parts.
+        reference_y : Correspondence or int array, optional
+            As in `pair_errors`.
+
+        Returns
+        -------
+        float
+            In units of sqrt(area) of the reference; a symmetric answer counts as wrong. Points
+            of a part without an answer count as answered at random. What is said to be covered does
+            not count.
+        """
+        means = [one.mean() for one in self.errors_to_score(X, y, reference_y=reference_y)]
+        return -mean_over_shapes(means, check_sample_weight(sample_weight, len(means)))
+
+    def _checked_pairs(
+        self, X: Sequence[MeshLike], y: Sequence[Answer]
+    ) -> tuple[list[MeshLike], list[Correspondence]]:
+        check_is_fitted(self)
+        items = check_meshes(X)
+        if len(items) != len(y):
+            raise ValueError(
+                f"X has {len(items)} shapes, but y has {len(y)} correspondences; give one for each."
+            )
+        return items, [as_correspondence(one) for one in y]
+
     def _check_parameters(self) -> list[Cut]:
         if not isinstance(self.estimator, Pipeline) or len(self.estimator) < 2:
             raise TypeError(
@@ -289,107 +489,100 @@ class PartialMatcher(Versioned, BaseEstimator):
         check_number(self.random_state, "random_state", low=0, integer=True)
         return make_cuts(self.cuts)
 
-    def _learned(
-        self,
-        training: TrainingSet,
-        whole: list[Mesh],
-        laid: list[FloatArray],
-        cuts: list[Cut],
-    ) -> dict[str, Any]:
-        """Return what parts of whole shapes teach; the reference is the first of them."""
-        spectral_0 = training.reference.spectral
-        unit, faces_0 = float(np.sqrt(spectral_0.area)), spectral_0.mesh.faces
-        self._tell("cutting shapes, and looking at the surroundings of points")
-        lessons = map_shapes(
-            _lessons_of,
-            (
-                (mesh, on, faces_0, unit, cuts, self.n_cuts, [self.random_state, i])
-                for i, (mesh, on) in enumerate(zip(whole, laid, strict=True))
-            ),
-            n_jobs=self.n_jobs,
-            verbose=0,
-        )
-        regions = shared_regions(spectral_0.vertices, faces_0, spectral_0.mass)
-        self._tell("learning to recognise points")
-        folds = [np.arange(len(whole))]
-        others = np.arange(1, len(whole))
-        folds += [np.setdiff1d(folds[0], others[k::_N_FOLDS]) for k in range(_N_FOLDS)]
-        folds = [fold for fold in folds if len(fold) > 1]
-        bodies = map_shapes(
-            _body_of,
-            ((regions, [laid[i] for i in fold[1:]], [lessons[i] for i in fold]) for fold in folds),
-            n_jobs=self.n_jobs,
-            verbose=0,
-        )
-        self._tell("matching parts of shapes that were left out")
-        left_out = [
-            (body, lesson)
-            for body, fold in zip(bodies[1:], folds[1:], strict=True)
-            for i in np.setdiff1d(folds[0], fold)
-            for lesson in lessons[i][1 : 1 + self.n_calibrated]
-        ]
-        seen = map_shapes(_seen, left_out, n_jobs=self.n_jobs, verbose=0)
-        sizes = np.array([area_and_rim(one.vertices / unit, one.faces) for one in whole])
-        return {
-            "body_": bodies[0],
-            "trust_": PartTrust.learned(seen, regions),
-            "unit_": unit,
-            "areas_": sizes[:, 0],
-            "rims_": sizes[:, 1],
-        }
+    def _kinds(self, items: Sequence[MeshLike]) -> list[str]:
+        """Return "whole" or "part" for each mesh, or why nothing can be said of it."""
+        sizes = TrainingSizes(self.unit_, self.areas_, self.rims_)
+        kinds = []
+        for i, item in enumerate(items):
+            try:
+                kinds.append(sizes.kind(*arrays_of(item, i), any_units=False))
+            except (MeshError, OSError):
+                kinds.append("whole")  # what is to be done about it is the pipeline's to say
+        return kinds
 
-    def _kind(self, item: MeshLike, i: int) -> str:
-        """Return "whole" or "part", or why nothing can be said."""
-        try:
-            vertices, faces = _arrays(item, i)
-        except (MeshError, OSError):
-            return "whole"  # what is to be done about it is the pipeline's to say
-        faces = faces[sound_faces(vertices, faces)]
-        if not len(faces):
-            return "whole"
-        area, rim = area_and_rim(vertices / self.unit_, faces)
-        if rim <= self.rims_.max() + _RIM:
-            return "whole"
-        share = area / float(np.median(self.areas_))
-        if share < _TOO_SMALL:
-            return f"it has {100 * share:.2g} % of their area, too little to say where it belongs"
-        if share > _TOO_LARGE:
-            return f"it has {share:.2g} times their area"
-        return "part"
-
-    def _parts(self, items: Sequence[MeshLike], rows: list[int]) -> dict[int, Match]:
+    def _knowledge(self) -> Knowledge:
         learner = _learner_of(self.estimator_)
-        # Points of scans lie between the vertices of the given reference.
         target = given_reference(learner.reference_)
         if not target.is_working:
+            # Points of scans lie between the vertices of the given reference, which is opened
+            # before threads ask for it.
             target.places(np.zeros((1, 3)), np.array([[0.0, 0, 1]]))
-        matched = map_shapes(
-            _match_part,
-            ((self, items[i], i, target) for i in rows),
+        return Knowledge(learner, target, self.body_, self.trust_)
+
+    def _laid(self, items: Sequence[MeshLike], rows: Sequence[int]) -> dict[int, Part]:
+        """Return the reference laid onto some of the meshes, by their indices."""
+        laid = map_shapes(
+            _lay,
+            ((self, items[i], i) for i in rows),
             n_jobs=self.n_jobs,
             verbose=self.verbose,
             prefer="threads",
         )
-        return dict(zip(rows, matched, strict=True))
+        return dict(zip(rows, laid, strict=True))
+
+    def _matched(self, items: Sequence[MeshLike], parts: dict[int, Part]) -> dict[int, Match]:
+        """Return the matches of parts that the reference was laid onto, by their indices."""
+        known = self._knowledge()
+        reference = known.learner.reference_.spectral
+        return {
+            i: with_meshes(matched_part(known, part, named(items[i], i)), items[i], i, reference)
+            for i, part in parts.items()
+        }
+
+    def _on_reference(
+        self, items: Sequence[MeshLike], kinds: Sequence[str], wanted: set[int], told: set[int]
+    ) -> tuple[dict[int, Match], dict[int, OnReference]]:
+        """Return matches to the reference, and what pairs need of those that say something.
+
+        Of the wanted meshes alone, and without warnings of whole ones that were ``told``.
+        """
+        kinds = [kind if i in wanted else "" for i, kind in enumerate(kinds)]
+        matches, on_reference = {}, {}
+        for i in sorted(wanted):
+            if kinds[i] not in ("whole", "part"):
+                matches[i] = self._nothing(items[i], i)
+        parts = self._laid(items, _rows(kinds, "part"))
+        known = self._knowledge()
+        for i, match in self._matched(items, parts).items():
+            matches[i], on_reference[i] = match, part_on_reference(known, parts[i], match)
+        for i, match in self._whole_on_places(items, kinds, told).items():
+            matches[i] = match
+            if (match.p2p >= 0).any():
+                vertices, faces = arrays_of(items[i], i)
+                on_reference[i] = whole_on_reference(vertices / self.unit_, faces, match)
+        self._warn(matches, kinds)
+        return matches, on_reference
+
+    def _whole_on_places(
+        self, items: Sequence[MeshLike], kinds: Sequence[str], told: set[int]
+    ) -> dict[int, Match]:
+        """Return matches of whole shapes to places of the reference."""
+        found: dict[int, Match] = {}
+        for silent in (False, True):
+            now = [kind if (i in told) == silent else "" for i, kind in enumerate(kinds)]
+            rows = _rows(now, "whole")
+            if not rows:
+                continue
+            with warnings.catch_warnings():
+                if silent:
+                    warnings.simplefilter("ignore")
+                matches = models.match(
+                    self.estimator_, _only(items, now, "whole"), interpolate="barycentric"
+                )
+            found.update((i, all_covered(matches[i])) for i in rows)
+        return found
 
     def _nothing(self, item: MeshLike, i: int) -> Match:
-        """Return the answer where nothing can be said: -1 and NaN."""
         learner = _learner_of(self.estimator_)
-        spectral_0 = learner.reference_.spectral
-        n_i, n_0 = n_vertices_of(item), spectral_0.n_given
-        return replace(
-            blank_match(learner.matcher_, n_i, n_0, assessed=True),
-            name=named(item, i),
-            reference_name=learner.reference_.name,
-            reference_hash=spectral_0.given_hash,
-            covered=np.zeros(n_0, dtype=bool),
-            covered_probability=np.full(n_0, np.nan),
-        )
+        nothing = nothing_said(learner, item, i)
+        return with_meshes(nothing, item, i, learner.reference_.spectral)
 
-    def _warn(
-        self, items: Sequence[MeshLike], found: dict[int, Match], tried: dict[int, str]
-    ) -> None:
-        told = "; ".join(f"{describe(i, found[i])}: {why}" for i, why in tried.items())
+    def _warn(self, found: dict[int, Match], kinds: Sequence[str]) -> None:
+        told = "; ".join(
+            f"{describe(i, found[i])}: {kind}"
+            for i, kind in enumerate(kinds)
+            if kind not in ("whole", "part") and i in found
+        )
         if told:
             warn(
                 f"Unlike the training shapes in size, and not matched: {told}. Scans have to be in "
@@ -398,8 +591,8 @@ class PartialMatcher(Versioned, BaseEstimator):
             )
         strange = ", ".join(
             describe(i, found[i])
-            for i in range(len(items))
-            if found[i].familiar is False and np.isnan(found[i].functional_map).all()
+            for i in _rows(kinds, "part")
+            if i in found and found[i].familiar is False
         )
         if strange:
             warn(
@@ -424,156 +617,20 @@ def _learner_of(pipeline: Pipeline) -> Any:
     return last.estimator_ if isinstance(last, BridgedLearner) else last
 
 
-def _arrays(item: MeshLike, i: int) -> tuple[FloatArray, IntArray]:
-    given = as_arrays(item, i)
-    return (given.vertices, given.faces) if isinstance(given, Mesh) else given
+def _rows(kinds: Sequence[str], kind: str) -> list[int]:
+    return [i for i, one in enumerate(kinds) if one == kind]
 
 
-def _whole_shapes(training: TrainingSet, learner: Any) -> tuple[list[Mesh], list[FloatArray]]:
-    """Return working meshes, and the reference laid onto them in sqrt(area) of itself."""
-    refinement = learner.refine_
-    start = refinement.start_ if isinstance(refinement, Registration) else refinement
-    laid = lay_on_training(training, learner.matcher_, start)
-    spectral_0 = training.reference.spectral
-    others = [training.shapes[i].spectral for i in training.used]
-    scaled = [
-        on * np.sqrt(one.area / spectral_0.area) for on, one in zip(laid, others, strict=True)
+def _only(items: Sequence[MeshLike], kinds: Sequence[str], kind: str) -> list[MeshLike]:
+    """Return the meshes with those of other kinds set aside: all keep their indices."""
+    return [
+        item if one == kind else SetAside(named(item, i), "", n_vertices_of(item))
+        for i, (item, one) in enumerate(zip(items, kinds, strict=True))
     ]
-    meshes = [spectral_0.mesh, *(one.mesh for one in others)]
-    return meshes, [spectral_0.vertices, *scaled]
 
 
-def _lessons_of(
-    mesh: Mesh,
-    laid: FloatArray,
-    faces_0: IntArray,
-    unit: float,
-    cuts: list[Cut],
-    n_cuts: int,
-    seed: list[int],
-) -> list[Lesson]:
-    """Return the whole of a shape and parts of it, with their features."""
-    parts = [mesh]
-    for number in range(n_cuts):
-        rng = np.random.default_rng([*seed, number])
-        parts.append(cuts[(number + seed[-1]) % len(cuts)].cut(mesh, rng))
-    lessons = [
-        Lesson.of(scan_of(part.vertices, part.faces, unit, None), laid, faces_0) for part in parts
-    ]
-    for lesson in lessons:
-        lesson.scan.features  # noqa: B018
-    return lessons
-
-
-def _body_of(regions: Any, laid: list[FloatArray], lessons: list[list[Lesson]]) -> Body:
-    return Body.learned(regions, laid, [one for each in lessons for one in each])
-
-
-def _seen(body: Body, lesson: Lesson) -> Seen:
-    return Seen(lesson, body.lay(lesson.scan))
-
-
-def _all_covered(match: Match) -> Match:
-    """Return a match of a whole shape, which covers all; nothing is known of one without any."""
-    n_0, known = len(match.inverse), bool((match.p2p >= 0).any())
-    return replace(
-        match,
-        covered=np.full(n_0, known),
-        covered_probability=np.full(n_0, 1.0 if known else np.nan),
-    )
-
-
-def _called(match: Match, name: str | None) -> Match:
-    """Return the match of a whole shape with its name: the pipeline numbers whole ones alone."""
-    given = None if match.given is None else replace(match.given, name=name)
-    return replace(match, name=name, given=given)
-
-
-def _with_meshes(match: Match, item: MeshLike, i: int, reference: SpectralShape) -> Match:
-    """Return the match of what is no whole shape, with its mesh and that of the reference."""
-    vertices, faces = _arrays(item, i)
-    content = hash_of_arrays(vertices, faces)
-    given = GivenMesh(match.name, len(vertices), len(faces), content, item)
-    return replace(match, given=given, reference_given=given_of(reference))
-
-
-def _match_part(matcher: PartialMatcher, item: MeshLike, i: int, target: GivenReference) -> Match:
-    """Return the match of one part, at the vertices that it came with."""
-    learner, unit = _learner_of(matcher.estimator_), matcher.unit_
-    given, faces = _arrays(item, i)
-    scan = scan_of(given, faces, unit, matcher.estimator_[0].max_vertices)
-    laid = matcher.body_.lay(scan)
-    return _on_given(matcher, learner, target, scan, laid, (given / unit, faces), named(item, i))
-
-
-def _on_given(
-    matcher: PartialMatcher,
-    learner: Any,
-    target: GivenReference,
-    scan: Scan,
-    laid: LaidOnPart,
-    given: tuple[FloatArray, IntArray],
-    name: str | None,
-) -> Match:
-    reference, regions = learner.reference_, matcher.body_.regions
-    spectral_0, n_i = reference.spectral, len(given[0])
-    sound = given[1][sound_faces(*given)]
-    usable = np.zeros(n_i, dtype=bool)
-    usable[sound] = True
-    rows = np.flatnonzero(usable)
-    at, normals = given[0][rows], vertex_normals(np.nan_to_num(given[0]), sound)[rows]
-    own = nearest_with_normals(at, normals, scan.vertices, scan.normals)
-    laid_normals = vertex_normals(laid.vertices, regions.faces)
-    working = nearest_with_normals(at, normals, laid.vertices, laid_normals)
-    errors, right = matcher.trust_.assess(scan, laid)
-    familiar = matcher.trust_.is_familiar(laid)
-    belongs = laid.away[own] <= _NOTHING
-    rows, working, own = rows[belongs], working[belongs], own[belongs]
-    corners, weights = _corners(target, working)
-    p2p, expected, confidence = np.full(n_i, -1), np.full(n_i, np.nan), np.full(n_i, np.nan)
-    p2p[rows] = corners[np.arange(len(rows)), weights.argmax(axis=1)]
-    expected[rows], confidence[rows] = errors[own], right[own]
-    n_0 = spectral_0.n_given
-    matrix = sp.coo_array(
-        (weights.ravel(), (np.repeat(rows, weights.shape[1]), corners.ravel())), shape=(n_i, n_0)
-    ).tocsr()
-    matrix.eliminate_zeros()
-    probability = spectral_0.prolong(matcher.trust_.coverage(laid), 0.0)
-    covered = probability >= 0.5
-    places = spectral_0.prolong(laid.vertices, 0.0), spectral_0.prolong(laid_normals, 0.0)
-    inverse = np.full(n_0, -1)
-    if covered.any() and len(rows):
-        chosen = nearest_with_normals(
-            places[0][covered],
-            places[1][covered],
-            given[0][rows],
-            vertex_normals(np.nan_to_num(given[0]), sound)[rows],
-        )
-        inverse[covered] = rows[chosen]
-    k, p = len(learner.stable_basis_), learner.n_stable_
-    return Match(
-        p2p,
-        expected,
-        confidence,
-        np.full((k, k), np.nan),
-        np.full((k, p), np.nan),
-        name=name,
-        reference_name=reference.name,
-        n_supporting=np.zeros(n_i, dtype=np.int64),
-        matrix=matrix,
-        inverse=inverse,
-        reference_hash=spectral_0.given_hash,
-        misfit=laid.strain / matcher.trust_.usual_strain,
-        familiar=familiar,
-        covered=covered,
-        covered_probability=probability,
-    )
-
-
-def _corners(target: GivenReference, working: IntArray) -> tuple[IntArray, FloatArray]:
-    """Return vertices of the given reference, and weights, at vertices of the working one."""
-    if target.is_working:
-        return working[:, None], np.ones((len(working), 1))
-    mesh = target.shape.mesh
-    normals = vertex_normals(mesh.vertices, mesh.faces)
-    return target.places(mesh.vertices[working], normals[working])
+def _lay(matcher: PartialMatcher, item: MeshLike, i: int) -> Part:
+    """Return the reference laid onto a part."""
+    vertices, faces = arrays_of(item, i)
+    scan = scan_of(vertices, faces, matcher.unit_, matcher.estimator_[0].max_vertices)
+    return Part(vertices / matcher.unit_, faces, scan, matcher.body_.lay(scan))

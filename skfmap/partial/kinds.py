@@ -1,0 +1,76 @@
+"""Whether a mesh shows a whole shape or a part of one, by its rim and its area."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from skfmap._tools.types import FloatArray, IntArray
+from skfmap.geometry.faults import sound_faces
+from skfmap.partial.scan import area_and_rim
+
+__all__ = ["TrainingSizes"]
+
+# A mesh is whole whose rim is no longer than that of training shapes by this, in sqrt of its area.
+_RIM = 0.1
+# Shares of the median area of the training shapes, below and above which nothing can be said.
+_TOO_SMALL, _TOO_LARGE = 0.15, 3.0
+# By what lengths differ if units are confused: metres, centimetres, millimetres, inches, feet.
+_UNITS = (10.0, 12.0, 25.4, 100.0, 304.8, 1000.0)
+
+
+class TrainingSizes(NamedTuple):
+    """What areas and rims whole training shapes have.
+
+    Attributes
+    ----------
+    unit : float
+        Root of the area of the reference, in the units of the meshes.
+    areas, rims : ndarray of shape (n_shapes,)
+        In units of the reference.
+    """
+
+    unit: float
+    areas: FloatArray
+    rims: FloatArray
+
+    def kind(self, vertices: FloatArray, faces: IntArray, *, any_units: bool) -> str:
+        """Return "whole" or "part", or why nothing can be said of a mesh.
+
+        Parameters
+        ----------
+        vertices, faces : ndarray of shape (n_vertices, 3), ndarray of int, shape (n_faces, 3)
+            As they were given.
+        any_units : bool
+            Whether its units may differ from those of the training shapes.
+        """
+        faces = faces[sound_faces(vertices, faces)]
+        if not len(faces):
+            return "whole"  # what is to be done about it is the pipeline's to say
+        area, rim = area_and_rim(vertices / self.unit, faces)
+        if rim / np.sqrt(area) <= (self.rims / np.sqrt(self.areas)).max() + _RIM:
+            return "whole"
+        share = area / float(np.median(self.areas))
+        if any_units or _TOO_SMALL <= share <= _TOO_LARGE:
+            return "part"
+        told = f"it has {share:.2g} times their area"
+        if share < _TOO_SMALL:
+            told = f"it has {100 * share:.2g} % of their area, too little to say where it belongs"
+        return told + _told_of_units(share)
+
+
+def _told_of_units(share: float) -> str:
+    """Return which confusion of units would explain an area, and what to multiply by."""
+    # A part that can be matched has between _TOO_SMALL and all of the area in the right units.
+    least, most = np.sqrt(share), np.sqrt(share / _TOO_SMALL)
+    larger = [f for f in _UNITS if least <= f <= most]
+    smaller = [f for f in _UNITS if least <= 1 / f <= most]
+    if larger:
+        factors, way = [f"{1 / f:.4g}" for f in larger], "smaller"
+    elif smaller:
+        factors, way = [f"{f:.4g}" for f in smaller], "larger"
+    else:
+        return ""
+    return (
+        f" (units that are {' or '.join(f'{f:.4g}' for f in larger or smaller)} times {way} would "
+        f"explain that: multiply its coordinates by {' or '.join(factors)})"
+    )

@@ -1,0 +1,154 @@
+"""What training shapes, and parts that are cut of them, teach: the body and how far to trust it."""
+
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from skfmap._tools.parallel import map_shapes
+from skfmap._tools.types import FloatArray, IntArray
+from skfmap.learner.training_set import TrainingSet
+from skfmap.partial.body import Body, Lesson, shared_regions
+from skfmap.partial.cuts import Cut
+from skfmap.partial.scan import area_and_rim, scan_of
+from skfmap.partial.trust import PartTrust, Seen
+from skfmap.registration.part import Registration, lay_on_training
+from skfmap.shapes import Mesh
+
+__all__ = ["Learned", "learned_from", "whole_shapes"]
+
+# Groups of training shapes that are left out in turn.
+_N_FOLDS = 3
+
+
+class Learned(NamedTuple):
+    """What training shapes taught.
+
+    Attributes
+    ----------
+    body : Body
+        The reference, how it deforms, and what its surroundings look like.
+    trust : PartTrust
+        What parts of training shapes that were left out showed.
+    unit : float
+        Root of the area of the reference, in the units of the meshes.
+    areas, rims : ndarray of shape (n_shapes,)
+        Of the training shapes: area and length of the rim, in units of the reference.
+    """
+
+    body: Body
+    trust: PartTrust
+    unit: float
+    areas: FloatArray
+    rims: FloatArray
+
+
+def learned_from(
+    training: TrainingSet,
+    learner: Any,
+    cuts: list[Cut],
+    *,
+    n_cuts: int,
+    n_calibrated: int,
+    random_state: int,
+    n_jobs: int | None,
+    tell: Callable[[str], None],
+) -> Learned:
+    """Learn from whole shapes and from parts of them; the reference is the first of them.
+
+    Parameters
+    ----------
+    training : TrainingSet
+        The shapes.
+    learner : WeightedFunctionalMapLearner
+        Fitted to them.
+    cuts, n_cuts, n_calibrated, random_state, n_jobs
+        As in `skfmap.PartialMatcher`.
+    tell : callable
+        Told of each stage.
+    """
+    tell("laying the reference onto whole shapes")
+    whole, laid = whole_shapes(training, learner)
+    spectral_0 = training.reference.spectral
+    unit, faces_0 = float(np.sqrt(spectral_0.area)), spectral_0.mesh.faces
+    tell("cutting shapes, and looking at the surroundings of points")
+    lessons = map_shapes(
+        _lessons_of,
+        (
+            (mesh, on, faces_0, unit, cuts, n_cuts, [random_state, i])
+            for i, (mesh, on) in enumerate(zip(whole, laid, strict=True))
+        ),
+        n_jobs=n_jobs,
+        verbose=0,
+    )
+    regions = shared_regions(spectral_0.vertices, faces_0, spectral_0.mass)
+    tell("learning to recognise points")
+    folds = _folds(len(whole))
+    bodies = map_shapes(
+        _body_of,
+        ((regions, [laid[i] for i in fold[1:]], [lessons[i] for i in fold]) for fold in folds),
+        n_jobs=n_jobs,
+        verbose=0,
+    )
+    tell("matching parts of shapes that were left out")
+    left_out = [
+        (body, lesson)
+        for body, fold in zip(bodies[1:], folds[1:], strict=True)
+        for i in np.setdiff1d(folds[0], fold)
+        for lesson in lessons[i][1 : 1 + n_calibrated]
+    ]
+    seen = map_shapes(_seen, left_out, n_jobs=n_jobs, verbose=0)
+    sizes = np.array([area_and_rim(one.vertices / unit, one.faces) for one in whole])
+    trust = PartTrust.learned(seen, regions)
+    return Learned(bodies[0], trust, unit, sizes[:, 0], sizes[:, 1])
+
+
+def _folds(n_shapes: int) -> list[IntArray]:
+    """Return which shapes are learned from: all, then all but some; the reference always."""
+    everything, others = np.arange(n_shapes), np.arange(1, n_shapes)
+    folds = [np.setdiff1d(everything, others[k::_N_FOLDS]) for k in range(_N_FOLDS)]
+    return [everything, *(fold for fold in folds if 1 < len(fold) < n_shapes)]
+
+
+def whole_shapes(training: TrainingSet, learner: Any) -> tuple[list[Mesh], list[FloatArray]]:
+    """Return working meshes, and the reference laid onto them in sqrt(area) of itself."""
+    refinement = learner.refine_
+    start = refinement.start_ if isinstance(refinement, Registration) else refinement
+    laid = lay_on_training(training, learner.matcher_, start)
+    spectral_0 = training.reference.spectral
+    others = [training.shapes[i].spectral for i in training.used]
+    scaled = [
+        on * np.sqrt(one.area / spectral_0.area) for on, one in zip(laid, others, strict=True)
+    ]
+    meshes = [spectral_0.mesh, *(one.mesh for one in others)]
+    return meshes, [spectral_0.vertices, *scaled]
+
+
+def _lessons_of(
+    mesh: Mesh,
+    laid: FloatArray,
+    faces_0: IntArray,
+    unit: float,
+    cuts: list[Cut],
+    n_cuts: int,
+    seed: list[int],
+) -> list[Lesson]:
+    """Return the whole of a shape and parts of it, with their features."""
+    parts = [mesh]
+    for number in range(n_cuts):
+        rng = np.random.default_rng([*seed, number])
+        parts.append(cuts[(number + seed[-1]) % len(cuts)].cut(mesh, rng))
+    lessons = [
+        Lesson.of(scan_of(part.vertices, part.faces, unit, None), laid, faces_0) for part in parts
+    ]
+    for lesson in lessons:
+        lesson.scan.features  # noqa: B018
+    return lessons
+
+
+def _body_of(regions: Any, laid: list[FloatArray], lessons: list[list[Lesson]]) -> Body:
+    return Body.learned(regions, laid, [one for each in lessons for one in each])
+
+
+def _seen(body: Body, lesson: Lesson) -> Seen:
+    return Seen(lesson, body.lay(lesson.scan))
