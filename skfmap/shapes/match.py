@@ -70,6 +70,9 @@ class Match:
         `skfmap.PartialMatcher` matched it.
     covered_probability : ndarray of shape (n_vertices_0,) or None
         How likely each of them is to be shown.
+    scale : float or None
+        What the coordinates of the shape have to be multiplied by to be in the units of the
+        training shapes, where that was estimated (``PartialMatcher(scale="estimated")``).
     given, reference_given : GivenMesh or None
         The meshes of S_i and S_0, or where they are to be found again; ``mesh`` and
         ``reference_mesh`` open them.
@@ -100,6 +103,7 @@ class Match:
     covered_probability: FloatArray | None = None
     given: GivenMesh | None = None
     reference_given: GivenMesh | None = None
+    scale: float | None = None
 
     @property
     def mesh(self) -> Mesh:
