@@ -24,7 +24,8 @@ _MESHLAB = "MeshLab saves it as PLY"
 
 # What other programs keep surfaces in, and how to get them out.
 _REMEDIES = {
-    **dict.fromkeys((".vtm", ".vtu"), _PARAVIEW),
+    **dict.fromkeys((".vtkhdf", ".vtm", ".vtu"), _PARAVIEW),
+    ".asc": "mris_convert of FreeSurfer makes its text a surface that is read",
     ".orig": "a surface of FreeSurfer is read where its name ends in .white, for instance",
     **dict.fromkeys((".blend", ".dae", ".fbx", ".usd", ".usda", ".usdc", ".usdz"), _BLENDER),
     **dict.fromkeys((".iges", ".igs", ".step", ".stp"), _CAD),

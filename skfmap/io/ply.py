@@ -90,8 +90,8 @@ def _header(content: bytes) -> tuple[str, list[_Element], bytes]:
         raise MeshError(
             f"is not a PLY file: {what}. Is it cut short, or was it saved in another format?"
         )
-    # Comments may be in any encoding, and only they are in more than ASCII. In UTF-16 they have zero
-    # bytes, and bytes of letters that look like the ends of lines.
+    # Comments may be in any encoding, and only they are in more than ASCII. In UTF-16 they have
+    # zero bytes, and bytes of letters that look like the ends of lines.
     lines = re.split(r"\r\n|\n|\r", content[: end.start()].decode("latin-1"))
     order, elements, wide = None, list[_Element](), False
     for line in lines[1:]:

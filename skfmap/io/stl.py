@@ -49,10 +49,11 @@ def _stl_text(content: bytes, n_said: int) -> tuple[bytes, int]:
                 "is not an STL file, or was cut short: it has neither the text nor the 84 bytes "
                 "that such files begin with. Export it again."
             )
-        if n_there >= n_said > 0:
+        n_more = len(content) - 84 - 50 * n_said
+        if n_more > 0 and n_said > 0:
             raise MeshError(
-                f"has {len(content) - 84 - 50 * n_said} bytes behind the {n_said} triangles that it "
-                "says it holds: a second solid, or damage. Export it again."
+                f"has {n_more} bytes behind the {n_said} triangles that it says it holds: a second "
+                "solid, or damage. Export it again."
             )
         raise MeshError(
             f"says that it holds {n_said} triangles, but has room for {n_there}: it is truncated, "

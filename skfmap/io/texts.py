@@ -63,7 +63,9 @@ _BYTE_ORDER_MARKS = (
 
 _NUMBER = re.compile(r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?", re.ASCII)
 # Spreadsheets, R, and C libraries old and new.
-_UNKNOWN = re.compile(r"|[+-]?nan(\(.*\))?|#?n/?a!?|null|none|[+-]?1\.#(ind|qnan).*", re.IGNORECASE)
+_UNKNOWN = re.compile(
+    r"|[+-]?nan(\(.*\))?|#?n[/.]?a[!.]?|null|none|[+-]?1\.#(ind|qnan).*", re.IGNORECASE
+)
 
 # What stands for a missing point if all three coordinates are it.
 _SENTINELS = (-999.0, -9999.0)
