@@ -156,7 +156,7 @@ def test_a_bridge_is_not_chosen_without_expected_errors(make_learner, probed, co
 
 def test_a_bridged_learner_takes_a_learner(probed, collection):
     with pytest.raises(
-        TypeError, match=r"estimator must be a WeightedFunctionalMapLearner object.*got str"
+        TypeError, match=r"estimator must be a WeightedFunctionalMapLearner.*got str"
     ):
         BridgedLearner("learner").fit(probed[:4], collection.truths[:4])
 

@@ -127,7 +127,7 @@ def test_a_polygon_that_crosses_itself_is_named_and_left_out(write, tilt):
     assert faces[0].tolist() == [0, 1, 4]
     assert len(np.unique(faces[1:])) < 3
     with pytest.warns(RepairWarning, match="cross"):
-        assert "faces that name a vertex twice" in str(check_mesh(path))
+        assert "faces with a repeated vertex" in str(check_mesh(path))
 
 
 def test_lines_and_points_among_the_faces_are_no_triangles_but_are_not_lost(write):
@@ -534,7 +534,7 @@ def test_a_number_that_stands_for_none_is_warned_of_in_memory_too(make_learner, 
     truths[2] = Correspondence(pairs)
     with pytest.warns(CoverageWarning) as told:
         make_learner(weighting=None).fit(probed[:4], truths)
-    (message,) = [str(one.message) for one in told if "stands for many" in str(one.message)]
+    (message,) = [str(one.message) for one in told if "occurs very often" in str(one.message)]
     assert "'body2') (template point 0 stands for 4" in message
     assert "body1" not in message
 
@@ -694,7 +694,7 @@ def test_a_seam_is_closed_as_far_as_four_digits_tell(share, away):
 def test_a_seam_that_stays_open_is_told_at_the_basis(away):
     vertices, faces = _split(make_sphere(n_subdivisions=3), 1.0, away, np.random.default_rng(0))
     assert "open seams" in [fault.kind for fault in check_mesh((vertices, faces)).faults]
-    with pytest.warns(RepairWarning, match=r"edges of a rim that run along others.*weld"):
+    with pytest.warns(RepairWarning, match=r"boundary edges that run along others.*weld"):
         SpectralBasis(5).transform([(vertices, faces)])
 
 

@@ -529,7 +529,7 @@ def test_faults_that_only_a_check_sees():
     bow = np.concatenate([vertices, vertices[1:] * -1])
     two = np.concatenate([tetrahedron, np.array([[0, 4, 5], [0, 6, 4], [0, 5, 6], [4, 6, 5]])])
     assert [fault.kind for fault in check_mesh((bow, two)).faults] == [
-        "vertices where parts of the surface touch in a point"
+        "vertices where parts of the surface touch at a point"
     ]
     ring = [
         [0, 1, 2],

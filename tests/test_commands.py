@@ -603,7 +603,7 @@ def test_a_shape_that_the_model_refuses_does_not_lose_the_others(
         (["match", "{new}/body4.off", "{model}", "-o", "{out}"], "model.skops is a model, not a"),
         (["check", "{model}"], "is a model, not a mesh. Use it as match"),
         (["check", "{learner}"], "is a model, not a mesh. Use it as match"),
-        (["match", "{out}.txt", "{new}", "-o", "{out}"], "not a sound file of save_model"),
+        (["match", "{out}.txt", "{new}", "-o", "{out}"], "not a valid file of save_model"),
         (["match", "{model}", "{new}", "-o", "{out}.txt"], "out.txt cannot hold the results"),
         (["match", "{model}", "{new}", "{new}/body4.off", "-o", "{out}"], "would both be written"),
         (["match", "{model}", "{new}", "-o", "{out}", "--jobs", "0"], "n_jobs"),
@@ -619,7 +619,7 @@ def test_a_shape_that_the_model_refuses_does_not_lose_the_others(
         (["train", "{training}", "-o", "{out}.html"], "Two results would be written to"),
         (
             ["report", "{model}", "{training}", "--pattern", "body[123]", "-o", "{out}.html"],
-            "does not hold the model's reference",
+            "does not contain the model's reference",
         ),
     ],
 )

@@ -59,7 +59,7 @@ def test_new_shapes_keep_their_index_beside_those_that_are_skipped(probed):
     assert sorted(usable.skipped) == [0, 2]
     strange = replace(probed[1], recipe=("another",) * len(probed[1].recipe))
     with pytest.raises(
-        ValueError, match=r"X\[0\] \('body1'\) were made with other parameters.*train"
+        ValueError, match=r"X\[0\] \('body1'\) were computed with different parameters.*train"
     ):
         check_new_shapes([strange], probed[0], 12)
 

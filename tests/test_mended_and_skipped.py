@@ -202,7 +202,7 @@ def test_a_report_of_mended_and_of_skipped_shapes(model_that, broken, collection
     page = write_report(skipping, tmp_path / "s.html", evaluation=by_hand).read_text()
     assert "tiny5" not in page
     nothing = Evaluation(by_hand.meshes[:1], by_hand.matches[:1], by_hand.errors[:1], [])
-    with pytest.raises(ValueError, match="holds no shape that could be matched and scored"):
+    with pytest.raises(ValueError, match="contains no shape that could be matched and scored"):
         write_report(skipping, tmp_path / "t.html", evaluation=nothing)
     for display in (
         SingularValuesDisplay,

@@ -251,7 +251,7 @@ def test_what_is_no_mesh_or_no_points_is_refused():
         ({"places": ([[0, 1, 2]], [[0.2, 0.5, 0.3]])}, "its largest weight at another corner"),
         ({"names": "nose"}, "sequence of strings"),
         ({"names": 5}, "sequence of strings"),
-        ({"names": ["nose", "nose"]}, "have one name: nose"),
+        ({"names": ["nose", "nose"]}, "have the same name: nose"),
         ({"names": []}, "There are 0 names"),
         ({"coordinates": [[0, 0, np.nan]]}, "coordinates must be finite"),
         ({"distance": [1, 2]}, r"distance must be finite, of shape \(1,\)"),
@@ -283,9 +283,9 @@ def test_the_symmetric_answer_is_joined_by_name_too():
 
 def test_names_that_cannot_be_joined_are_an_error_that_tells_them():
     named = Correspondence([[1, 0]], names=["nose"])
-    with pytest.raises(CorrespondenceError, match=r"one names .*nose.* the other does not"):
+    with pytest.raises(CorrespondenceError, match=r"names .*nose.* the other does not"):
         named.join(Correspondence([[1, 0]]))
-    with pytest.raises(CorrespondenceError, match=r"one names .*nose.* the other does not"):
+    with pytest.raises(CorrespondenceError, match=r"names .*nose.* the other does not"):
         Correspondence([[1, 0]]).join(named)
     with pytest.raises(CorrespondenceError, match="in common: nose against chin, ear"):
         named.join(Correspondence([[1, 0]], names=["chin", "ear"]))
@@ -319,7 +319,7 @@ def test_restriction_takes_names(named):
     np.testing.assert_array_equal(some.distance, truth.restrict(numbers).distance)
     assert truth.restrict("L3").known_names == ("L3",)
     assert set(truth.restrict(np.array(["L3", "L7"], dtype=object)).known_names) == {"L3", "L7"}
-    with pytest.raises(CorrespondenceError, match="called ear; there are L"):
+    with pytest.raises(CorrespondenceError, match=r"called ear\. The names are L"):
         truth.restrict(["ear"])
     with pytest.raises(CorrespondenceError, match="have no names"):
         Correspondence([[1, 0]]).restrict(["ear"])

@@ -569,7 +569,7 @@ def test_a_match_through_a_mesh_that_does_not_fit_is_told_once(confidence, taugh
     assert {w.category for w in told} == {UnfamiliarShapeWarning}
     shares = re.search(r"X\[0\] \('blob'\) \(.*stretched\)", of_meshes).group()
     assert shares in of_matches
-    assert "Do not use the meshes" in of_meshes
+    assert "Do not use their registered meshes" in of_meshes
     assert "Do not trust their matches" in of_matches
     assert "cat5" not in of_matches
     assert (strange.familiar, usual.familiar) == (False, True)

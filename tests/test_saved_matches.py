@@ -142,7 +142,7 @@ def test_a_match_is_drawn_from_itself_alone(match, collection):
 
 
 def test_matches_to_several_references_are_not_drawn_together(match, turned):
-    with pytest.raises(ValueError, match="several references"):
+    with pytest.raises(ValueError, match="different references"):
         skfmap.plotting.plot_matches([match, turned])
 
 

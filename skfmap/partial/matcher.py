@@ -10,9 +10,11 @@ from sklearn.pipeline import Pipeline
 from sklearn.utils import Tags, get_tags
 from sklearn.utils.validation import check_is_fitted
 
+from skfmap._measures import PairErrors, mean_over_shapes
 from skfmap._tools.parallel import map_shapes, tell
-from skfmap._tools.types import FloatArray, Interpolation, RefineOverride
-from skfmap._tools.validation import check_choice, check_number
+from skfmap._tools.types import DistanceMethod, FloatArray, Interpolation, RefineOverride
+from skfmap._tools.unwrap import learner_and_shapes
+from skfmap._tools.validation import check_choice, check_number, check_sample_weight
 from skfmap._tools.warn import warn
 from skfmap._version import Versioned
 from skfmap.basis import SpectralBasis
@@ -43,8 +45,14 @@ from skfmap.partial.cuts import Cut, make_cuts
 from skfmap.partial.kinds import TrainingSizes
 from skfmap.partial.learning import learned_from
 from skfmap.partial.scan import scan_of
+from skfmap.partial.scoring import (
+    PartScorer,
+    ScoredErrors,
+    as_correspondence,
+    parts_to_score,
+)
 from skfmap.refinement import Refinement
-from skfmap.shapes import Match
+from skfmap.shapes import Correspondence, Match
 from skfmap.shapes.skipped_shape import SetAside
 from skfmap.shapes.usable import Answer, describe
 
@@ -329,6 +337,135 @@ class PartialMatcher(Versioned, BaseEstimator):
         """
         check_is_fitted(self)
         return np.asarray(self.estimator_.predict(X))
+
+    def pair_errors(
+        self,
+        X: Sequence[MeshLike],
+        y: Sequence[Answer],
+        *,
+        method: DistanceMethod = "heat",
+        reference_y: Answer | None = None,
+    ) -> list[PairErrors]:
+        """Match scans of known correspondence, as they are, and return the error at each pair.
+
+        Parameters
+        ----------
+        X, y : sequence of meshes, sequence of correspondences
+            Parts or whole shapes, and where they lie on the template.
+        method : {"heat", "exact", "dijkstra"}, default="heat"
+            How distances on the reference are measured; see `skfmap.metrics.GeodesicDistances`.
+        reference_y : Correspondence or int array, optional
+            As in `WeightedFunctionalMapLearner.pair_errors`.
+
+        Returns
+        -------
+        list of PairErrors
+            In units of sqrt(area) of the reference. A point of a part without an answer counts as
+            one that is answered at random; a scan that was left out has no pairs.
+        """
+        check_is_fitted(self)
+        items, truths = self._checked_pairs(X, y)
+        kinds = self._kinds(items)
+        found: dict[int, PairErrors] = {}
+        if "whole" in kinds:
+            wholes = _only(items, kinds, "whole")
+            how: dict[str, Any] = {"method": method, "reference_y": reference_y}
+            learner, shapes = learner_and_shapes(self.estimator_, wholes)
+            errors = learner.pair_errors(shapes, y, **how)
+            found.update((i, errors[i]) for i in _rows(kinds, "whole"))
+        parts = self._laid(items, _rows(kinds, "part"))
+        matches = self._matched(items, parts)
+        self._warn(matches, kinds)
+        scorer = PartScorer(_learner_of(self.estimator_), method, reference_y)
+        for i, item in enumerate(items):
+            if i not in found:
+                match = matches[i] if i in matches else self._nothing(item, i)
+                found[i] = scorer.errors(match, truths[i])
+        return [found[i] for i in range(len(items))]
+
+    def errors_to_score(
+        self,
+        X: Sequence[MeshLike],
+        y: Sequence[Answer],
+        *,
+        method: DistanceMethod = "heat",
+        reference_y: Answer | None = None,
+    ) -> list[ScoredErrors]:
+        """Return the errors that `score` and the scorers of `skfmap.metrics` count.
+
+        Parameters
+        ----------
+        X, y, method, reference_y : optional
+            As in `pair_errors`.
+
+        Returns
+        -------
+        list of ScoredErrors
+            Of each scan. Of a whole shape also on one part by each of the cuts, which are drawn by
+            ``random_state`` and by the shape; ``mean(kind)`` counts the whole shape as much as its
+            parts.
+        """
+        errors = self.pair_errors(X, y, method=method, reference_y=reference_y)
+        items, truths = self._checked_pairs(X, y)
+        cuts, parts, owners = make_cuts(self.cuts), [], []
+        for i in _rows(self._kinds(items), "whole"):
+            if not errors[i].weights.any():
+                continue
+            given = arrays_of(items[i], i)
+            parts += parts_to_score(*given, truths[i], cuts, self.random_state)
+            owners += [i] * len(cuts)
+        own: dict[int, list[PairErrors]] = {i: [] for i in range(len(items))}
+        if parts:
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore")  # nobody has given these parts
+                how: dict[str, Any] = {"method": method, "reference_y": reference_y}
+                meshes, known = zip(*parts, strict=True)
+                of_parts = self.pair_errors(meshes, known, **how)
+            for i, one in zip(owners, of_parts, strict=True):
+                own[i].append(one)
+        return [ScoredErrors(one, own[i]) for i, one in enumerate(errors)]
+
+    def score(
+        self,
+        X: Sequence[MeshLike],
+        y: Sequence[Answer],
+        sample_weight: Sequence[float] | None = None,
+        reference_y: Answer | None = None,
+    ) -> float:
+        """Return minus the mean geodesic error on whole shapes and on their parts.
+
+        Higher is better. Of each whole shape one part by each of ``cuts`` is matched too, and the
+        mean of its parts counts as much as the whole shape. A scan that is a part counts as it is.
+
+        Parameters
+        ----------
+        X, y : sequence of meshes, sequence of correspondences
+            Held-out shapes, whole or in part, and where they lie on the template.
+        sample_weight : array-like of shape (n_shapes,), optional
+            How much each shape counts, with its parts.
+        reference_y : Correspondence or int array, optional
+            As in `pair_errors`.
+
+        Returns
+        -------
+        float
+            In units of sqrt(area) of the reference; a symmetric answer counts as wrong. Points
+            of a part without an answer count as answered at random. What is said to be covered does
+            not count.
+        """
+        means = [one.mean() for one in self.errors_to_score(X, y, reference_y=reference_y)]
+        return -mean_over_shapes(means, check_sample_weight(sample_weight, len(means)))
+
+    def _checked_pairs(
+        self, X: Sequence[MeshLike], y: Sequence[Answer]
+    ) -> tuple[list[MeshLike], list[Correspondence]]:
+        check_is_fitted(self)
+        items = check_meshes(X)
+        if len(items) != len(y):
+            raise ValueError(
+                f"X has {len(items)} shapes, but y has {len(y)} correspondences; give one for each."
+            )
+        return items, [as_correspondence(one) for one in y]
 
     def _check_parameters(self) -> list[Cut]:
         if not isinstance(self.estimator, Pipeline) or len(self.estimator) < 2:
