@@ -17,7 +17,12 @@ from skfmap._tools.types import (
 from skfmap._tools.validation import check_choice, check_index_range
 from skfmap._tools.warn import warn
 from skfmap.datasets._collection import Collection
-from skfmap.datasets._landmark_files import landmark_files, landmarks_on, only_one
+from skfmap.datasets._landmark_files import (
+    landmark_files,
+    landmarks_on,
+    only_one,
+    unread_landmarks,
+)
 from skfmap.datasets._vertex_files import read_column
 from skfmap.exceptions import (
     CorrespondenceError,
@@ -124,8 +129,8 @@ def load_collection(
     -----
     RepairWarning, SkippedShapeWarning
         If meshes were mended, or left out, as ``on_invalid`` says; if landmarks lie on their mesh
-        only with x and y negated (3D Slicer's systems LPS and RAS), and were turned; if meshes are
-        of a format that is not read.
+        only with x and y negated (3D Slicer's systems LPS and RAS), and were turned; if meshes, or
+        landmarks beside them, are of a format that is not read.
     CoverageWarning
         If one template point stands for a large share of a mesh: 0 for "none"?
 
@@ -158,6 +163,9 @@ def load_collection(
         _read(path, files, one, by_number)
         for path, files, one in zip(paths, marked, modes, strict=True)
     ]
+    bare = [path for path, one in zip(paths, read, strict=True) if one.truth is None]
+    if not by_number and (unread := unread_landmarks(bare)):
+        warn(unread, SkippedShapeWarning)
     meshes = [one.mesh for one in read]
     beside = any(one.truth is not None for one in read)
     faults = (
