@@ -220,7 +220,7 @@ def test_nodes_of_a_glb_file_keep_their_order_and_their_place(write):
         {"name": "a", "mesh": 0, "matrix": np.diag([-1.0, 1, 1, 1]).ravel().tolist()},
     ]
     turned = _V @ np.array([[0, 1, 0], [-1, 0, 0], [0, 0, 1]])
-    wanted = np.concatenate([2 * (turned + [0, 3, 0]) + [1, 0, 0], _V * [-1, 1, 1]])
+    wanted = np.concatenate([2 * turned + np.array([1, 6, 0]), _V * [-1, 1, 1]])
     faces = np.concatenate([_F, _F[:, [0, 2, 1]] + _N])
     content = _glb([_P, _I], [[_part(0, 1)]], nodes, [{"nodes": [0, 2]}])
     _assert_ball(write("a.glb", content), wanted, faces)

@@ -340,7 +340,7 @@ def test_a_body_full_of_tunnels_is_wrapped_if_asked(dense):
         n += speck.n_vertices
     dirty = tuple(np.vstack(part) for part in zip(*parts, strict=True))
     basis = SpectralBasis(30, max_vertices=_MOST, wrap="auto")
-    with pytest.warns(skfmap.exceptions.RepairWarning, match="wrapped, because .* pieces with"):
+    with pytest.warns(skfmap.exceptions.RepairWarning, match="wrapped, because .* components with"):
         (shape,) = basis.transform([dirty])
     assert shape.n_given == n
     placed = shape.prolongation.placed

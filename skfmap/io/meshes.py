@@ -4,6 +4,7 @@ Trimesh is only imported when it is needed.
 """
 
 import math
+import os
 import sys
 from collections.abc import Sequence
 from pathlib import Path
@@ -142,21 +143,7 @@ def read_arrays(path: str | Path) -> tuple[FloatArray, IntArray]:
     if not isinstance(path, (str, Path)):
         raise TypeError(f"path must be the path of a mesh file; got {path!r}.")
     path = Path(path)
-    suffix = path.suffix.lower()
-    if suffix not in READ_SUFFIXES:
-        raise MeshError(
-            f"{path} has the suffix {suffix!r}; skfmap reads {', '.join(READ_SUFFIXES)}."
-            f"{remedy_for(suffix)}"
-        )
-    if not path.is_file():
-        home = f" Write {path.expanduser()}." if str(path).startswith("~") else ""
-        raise FileNotFoundError(f"There is no mesh file {path}.{home}")
-    content = path.read_bytes()
-    if not content.strip():
-        raise MeshError(f"{path} is empty. Export the mesh again, or remove the file.")
-    for begin, what in _NO_MESHES.items():
-        if content[:_HEAD].lstrip().lower().startswith(begin):
-            raise MeshError(f"{path} cannot be read: it is {what}")
+    content, suffix = _content_of(path), path.suffix.lower()
     try:
         if suffix in _OWN_READERS:
             vertices, polygons = _OWN_READERS[suffix](content)
@@ -185,6 +172,29 @@ def read_arrays(path: str | Path) -> tuple[FloatArray, IntArray]:
             RepairWarning,
         )
     return np.asarray(vertices, dtype=np.float64), faces.astype(np.int64)
+
+
+def _content_of(path: Path) -> bytes:
+    """Return the bytes of a mesh file; raise where it is none, by its name or by how it begins."""
+    suffix = path.suffix.lower()
+    if suffix not in READ_SUFFIXES:
+        if (bare := str(path).strip("\"' \t\r\n")) != str(path):
+            raise MeshError(f"{str(path)!r} has blanks or quotes around it; give {bare!r}.")
+        raise MeshError(
+            f"{path} has the suffix {suffix!r}; skfmap reads {', '.join(READ_SUFFIXES)}."
+            f"{remedy_for(suffix)}"
+        )
+    if not path.is_file():
+        at_home = os.path.expanduser(path)  # which raises nothing for a user that is unknown
+        remedy = f" Write {at_home}." if at_home != str(path) else ""
+        raise FileNotFoundError(f"There is no mesh file {path}.{remedy}")
+    content = path.read_bytes()
+    if not content.strip():
+        raise MeshError(f"{path} is empty. Export the mesh again, or remove the file.")
+    for begin, what in _NO_MESHES.items():
+        if content[:_HEAD].lstrip().lower().startswith(begin):
+            raise MeshError(f"{path} cannot be read: it is {what}")
+    return content
 
 
 def as_far_as_sound(vertices: FloatArray, faces: IntArray, name: str) -> tuple[Mesh, str]:
