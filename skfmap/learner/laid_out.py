@@ -16,7 +16,7 @@ from skfmap.refinement import match_points
 from skfmap.registration import Registration
 from skfmap.shapes import Mesh, ProbedShape, Registered, SkippedShape
 
-__all__ = ["registered", "unregistered"]
+__all__ = ["faces_of", "registered", "unregistered", "with_detail"]
 
 # Normals agree if the cosine of the angle between them is above this: 60 degrees.
 _AGREES = 0.5
@@ -39,11 +39,11 @@ def registered(
     spectral, C = shape.spectral, matcher.solve(shape).C
     before = match_points(spectral, matcher.reference.spectral, C, matcher.functions)
     laid = registration.lay(matcher, spectral, before)
-    vertices = _with_detail(target, laid.vertices) * np.sqrt(spectral.area)
+    vertices = with_detail(target, laid.vertices) * np.sqrt(spectral.area)
     if shape.reflected:
         vertices = vertices * MIRROR
     surface = ClosestPoints(*given_surface(spectral))
-    faces = _faces(target)
+    faces = faces_of(target)
     if not (spectral.keeps_vertices and target.shape.keeps_vertices):
         reach = mean_edge_length(laid.vertices, target.shape.mesh.faces) * np.sqrt(spectral.area)
         vertices = _onto(surface, vertices, faces, reach)
@@ -64,7 +64,7 @@ def unregistered(shape: SkippedShape, target: GivenReference) -> Registered:
     n_0, nan = target.shape.n_given, float("nan")
     return Registered(
         vertices=np.full((n_0, 3), nan),
-        faces=_faces(target),
+        faces=faces_of(target),
         distance=np.full(n_0, nan),
         n_flipped=0,
         off=nan,
@@ -77,7 +77,7 @@ def unregistered(shape: SkippedShape, target: GivenReference) -> Registered:
     )
 
 
-def _with_detail(target: GivenReference, laid: FloatArray) -> FloatArray:
+def with_detail(target: GivenReference, laid: FloatArray) -> FloatArray:
     """Return the given vertices of the reference, moved with the working vertices, at unit area.
 
     Detail beyond the working mesh rotates with it; components that were left out follow the nearest
@@ -114,6 +114,7 @@ def _onto(
     return np.where(moved[:, None], near.points, vertices)
 
 
-def _faces(target: GivenReference) -> IntArray:
+def faces_of(target: GivenReference) -> IntArray:
+    """Return the faces of the reference as it was given."""
     mesh = target.shape.mesh if target.shape.given is None else open_given(target.shape.given)
     return mesh.faces if isinstance(mesh, Mesh) else mesh[1]
