@@ -82,7 +82,7 @@ class PartialMatcher(Versioned, BaseEstimator):
     cuts : {"auto", "planes", "limbs", "views", "discs"}, Cut or list, default="auto"
         How training shapes are cut: words, or objects of `skfmap.partial`, yours among them.
         ``"auto"`` is all of the four.
-    n_cuts : int, default=6
+    n_cuts : int, default=12
         Parts that are cut of each training shape to learn from. The whole shape is one more.
     n_calibrated : int, default=2
         How many of them are matched by what was learned without the shape, which says how large
@@ -137,7 +137,7 @@ class PartialMatcher(Versioned, BaseEstimator):
         estimator: Pipeline,
         cuts: str | Cut | Sequence[str | Cut] = "auto",
         *,
-        n_cuts: int = 6,
+        n_cuts: int = 12,
         n_calibrated: int = 2,
         scale: Literal["known", "estimated"] = "known",
         random_state: int = 0,
