@@ -42,6 +42,14 @@ from skfmap.partial.between import (
     whole_on_reference,
 )
 from skfmap.partial.cuts import Cut, make_cuts
+from skfmap.partial.glue import (
+    better_of,
+    lay_without_glue,
+    tears,
+    tears_of_wholes,
+    warn_of_tears,
+    with_tears,
+)
 from skfmap.partial.kinds import TrainingSizes
 from skfmap.partial.learning import learned_from
 from skfmap.partial.scan import scan_of
@@ -225,7 +233,8 @@ class PartialMatcher(Versioned, BaseEstimator):
             If a part is too small to say where it belongs, below 15 % of the area of the training
             shapes, or units differ from theirs.
         UnfamiliarShapeWarning
-            If a scan does not lie on the reference as parts of training shapes do.
+            If a scan does not lie on the reference as parts of training shapes do, or its map
+            tears (``Match.torn``).
         """
         check_is_fitted(self)
         items = check_meshes(X)
@@ -240,7 +249,8 @@ class PartialMatcher(Versioned, BaseEstimator):
                 refine=refine,
                 interpolate=interpolate,
             )
-            found.update((i, all_covered(answers[i])) for i in _rows(kinds, "whole"))
+            rows = _rows(kinds, "whole")
+            found.update(self._mended(items, {i: all_covered(answers[i]) for i in rows}))
         parts = self._laid(items, _rows(kinds, "part"))
         found.update(self._matched(items, parts))
         for i in range(len(items)):
@@ -522,12 +532,21 @@ class PartialMatcher(Versioned, BaseEstimator):
 
     def _matched(self, items: Sequence[MeshLike], parts: dict[int, Part]) -> dict[int, Match]:
         """Return the matches of parts that the reference was laid onto, by their indices."""
+        known, found = self._knowledge(), {}
+        for i, part in parts.items():
+            match = matched_part(known, part, named(items[i], i))
+            match = with_tears(known, part.vertices, part.faces, 1.0, match)
+            found[i] = with_meshes(match, items[i], i, known.learner.reference_.spectral)
+        return found
+
+    def _mended(self, items: Sequence[MeshLike], found: dict[int, Match]) -> dict[int, Match]:
+        """Return matches of whole shapes; of those that tear, as of parts if these tear less."""
         known = self._knowledge()
-        reference = known.learner.reference_.spectral
-        return {
-            i: with_meshes(matched_part(known, part, named(items[i], i)), items[i], i, reference)
-            for i, part in parts.items()
-        }
+        told, torn = tears_of_wholes(known, items, self.unit_, found)
+        if torn:
+            parts = self._laid(items, torn)
+            told.update(better_of(known, told, self._matched(items, parts), parts))
+        return told
 
     def _on_reference(
         self, items: Sequence[MeshLike], kinds: Sequence[str], wanted: set[int], told: set[int]
@@ -589,10 +608,11 @@ class PartialMatcher(Versioned, BaseEstimator):
                 "the units of the training shapes, and show 15 % of a shape at least.",
                 SkippedShapeWarning,
             )
+        warn_of_tears(found)
         strange = ", ".join(
             describe(i, found[i])
             for i in _rows(kinds, "part")
-            if i in found and found[i].familiar is False
+            if i in found and found[i].familiar is False and not tears(found[i])
         )
         if strange:
             warn(
@@ -633,4 +653,5 @@ def _lay(matcher: PartialMatcher, item: MeshLike, i: int) -> Part:
     """Return the reference laid onto a part."""
     vertices, faces = arrays_of(item, i)
     scan = scan_of(vertices, faces, matcher.unit_, matcher.estimator_[0].max_vertices)
-    return Part(vertices / matcher.unit_, faces, scan, matcher.body_.lay(scan))
+    scan, laid = lay_without_glue(matcher.body_, scan)
+    return Part(vertices / matcher.unit_, faces, scan, laid)
