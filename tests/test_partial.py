@@ -18,6 +18,7 @@ from skfmap.exceptions import (
     OrientationWarning,
     RepairWarning,
     SkippedShapeWarning,
+    StabilityWarning,
     UnfamiliarShapeWarning,
 )
 from skfmap.functional.samples import farthest_points
@@ -586,6 +587,17 @@ def test_wrong_parameters(given, error, message, creatures, pipeline):
 def test_too_few_shapes(creatures, pipeline):
     with pytest.raises(ValueError, match="needs the reference and two more"):
         PartialMatcher(pipeline).fit(creatures.meshes[:2], creatures.correspondences[:2])
+
+
+def test_three_shapes_are_few_and_a_weight_of_nothing_leaves_one_out(creatures, pipeline, scan):
+    model = PartialMatcher(pipeline, cuts="planes", n_cuts=1, n_calibrated=1)
+    with pytest.warns(StabilityWarning, match="from 2 shapes beside the reference") as told:
+        model.fit(creatures.meshes[:4], creatures.correspondences[:4], [0, 1, 0, 1])
+    assert len(told) == 1
+    assert len(model.areas_) == 3
+    (match,) = skfmap.match(model, [scan])
+    assert match.reference_name == creatures.meshes[0].name
+    assert 0.3 < match.covered.mean() < 0.9
 
 
 def test_distances_correct_what_surroundings_get_wrong(creatures):

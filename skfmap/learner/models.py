@@ -104,7 +104,8 @@ def register(model: Model, X: Sequence[Any]) -> list[Registered]:
     Parameters
     ----------
     model : WeightedFunctionalMapLearner, Pipeline or fitted search
-        The model; of its learner, ``refine`` is ``"register"`` or a `Registration`.
+        The model; of its learner, ``refine`` is ``"register"`` or a `Registration`. Or a
+        `skfmap.PartialMatcher`, for parts.
     X : sequence
         What the model takes: meshes for a pipeline that begins with `SpectralBasis`.
 
