@@ -28,7 +28,7 @@ from skfmap.shapes import (
     SpectralShape,
 )
 
-if TYPE_CHECKING:  # they are imported when they are asked for, below
+if TYPE_CHECKING:  # at run time they are imported on first use, below
     from skfmap import (
         basis as basis,
     )
@@ -119,7 +119,7 @@ __all__ = [
     "repair_mesh",
 ]
 
-# Imported when they are asked for: pictures and reports take a while to load.
+# Imported on first use, because plotting and reports take a while to load.
 _SUBMODULES = (
     "basis",
     "commands",
@@ -147,15 +147,15 @@ _SUBMODULES = (
 )
 
 
-if not TYPE_CHECKING:  # type checkers would take any name for one of these
+if not TYPE_CHECKING:  # otherwise type checkers would accept any name
 
     def __getattr__(name: str) -> ModuleType:
-        """Return a module of the package."""
+        """Import and return a module of the package."""
         if name not in _SUBMODULES:
             raise AttributeError(f"module 'skfmap' has no attribute {name!r}")
         return importlib.import_module(f"skfmap.{name}")
 
 
 def __dir__() -> list[str]:
-    """Return the public names, modules among them."""
+    """Return the public names, including modules."""
     return sorted([*__all__, *_SUBMODULES])

@@ -1,4 +1,4 @@
-"""What ``python -m skfmap`` runs: a verb, or the demonstration."""
+"""Entry point of ``python -m skfmap``: a command, or the demonstration."""
 
 import sys
 

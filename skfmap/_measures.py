@@ -1,9 +1,9 @@
-"""How good a match is: geodesic errors, equation (5), singular values, coverage, continuity.
+"""Measures of match quality: geodesic errors, singular values, coverage, continuity.
 
-All lengths are in units of sqrt(area) of the reference. Errors come in three kinds: ``"direct"``
-forgives nothing; ``"consistent"`` takes the better of the direct and the symmetric answer once for
-the whole map; ``"per_vertex"`` takes the better at each pair (the paper's "symmetric
-correspondences are considered correct").
+All lengths are in units of sqrt(area) of the reference. There are three kinds of errors:
+``"direct"`` accepts no symmetric answer; ``"consistent"`` takes the better of the direct and the
+symmetric answer once for the whole map; ``"per_vertex"`` takes the better at each pair (the paper's
+"symmetric correspondences are considered correct").
 """
 
 import threading
@@ -53,27 +53,27 @@ __all__ = [
 
 ERROR_KINDS: tuple[ErrorKind, ...] = ("direct", "consistent", "per_vertex")
 
-# Distances that are computed in less time (2 s by the heat method) than other processes take to
+# Fewer distances than this are computed faster (2 s by the heat method) than worker processes
 # start.
 _FEW = 5_000_000
 
 
 class GeodesicDistances:
-    """Distances on one mesh, each row computed once, when it is first asked for.
+    """Geodesic distances on one mesh; each row is computed once, on first use.
 
     Parameters
     ----------
     mesh : Mesh
-        Usually the reference.
+        The mesh, usually that of the reference.
     method : {"heat", "exact", "dijkstra"}, default="heat"
-        ``"heat"`` (potpourri3d, kept between straight lines and edge paths) takes 15 s of one core
-        for all rows of a mesh of 5,000 vertices and differs from exact distances by 1.4 % on
-        average (1 to 2.5 % below 0.1); ``"exact"`` (libigl) takes half an hour; ``"dijkstra"``
-        along edges reads 6 to 14 % high.
+        ``"heat"`` (potpourri3d, clipped between straight lines and paths along edges) takes 15 s on
+        one core for all rows of a mesh of 5,000 vertices, and differs from exact distances by 1.4 %
+        on average (1 to 2.5 % below 0.1). ``"exact"`` (libigl) takes half an hour. ``"dijkstra"``,
+        along edges, is 6 to 14 % too long.
     memory : str or joblib.Memory, optional
         Where rows are cached, by mesh content.
     n_jobs : int, optional
-        Blocks of rows computed at a time; see joblib.
+        Number of blocks of rows computed in parallel; see joblib.
 
     Examples
     --------
@@ -100,25 +100,25 @@ class GeodesicDistances:
         self._rows = np.empty((0, mesh.n_vertices), dtype=np.float32)
 
     def between(self, points: object, sources: object) -> FloatArray:
-        """Return the distance of each point from the source beside it, in units of sqrt(area).
+        """Return the distance between each point and its source, in units of sqrt(area).
 
         Parameters
         ----------
         points, sources : array-like of int, shape (n,)
-            Vertices. Rows are computed for the distinct sources.
+            Vertices, paired by position. Rows are computed for the distinct sources.
 
         Returns
         -------
         distances : ndarray of shape (n,)
-            Distances over sqrt(area).
+            Distances divided by sqrt(area).
 
         Raises
         ------
         ValueError
-            If a number is no vertex, or there are not as many points as sources.
+            If an index is not that of a vertex, or the numbers of points and sources differ.
         MeshError
-            If no distances are defined on the mesh: several components, vertices without faces, no
-            area.
+            If distances are not defined on the mesh, because it has several components, vertices
+            without faces, or no area.
         """
         points, sources = self._vertices(points, "points"), self._vertices(sources, "sources")
         if len(points) != len(sources):
@@ -130,25 +130,24 @@ class GeodesicDistances:
         return rows[np.searchsorted(np.unique(sources), sources), points].astype(np.float64)
 
     def between_places(self, points: SurfacePlaces, sources: SurfacePlaces) -> FloatArray:
-        """Return the distance of each place from the source beside it, in units of sqrt(area).
+        """Return the distance between each place and its source, in units of sqrt(area).
 
-        Distances between the corners of two faces are interpolated, or those of places whose faces
-        touch are straight lines: a place is at distance 0 from itself. None is shorter than a
-        straight line.
+        Distances are interpolated from those between the corners of the two faces, corrected so
+        that a place is at distance 0 from itself. No distance is shorter than the straight line.
 
         Parameters
         ----------
         points, sources : SurfacePlaces
-            Places, the same number of each. Rows are computed for the corners of the sources.
+            Places, paired by position. Rows are computed for the corners of the sources.
 
         Returns
         -------
         distances : ndarray of shape (n,)
-            Distances over sqrt(area).
+            Distances divided by sqrt(area).
         """
         straight = np.linalg.norm(self._at(points) - self._at(sources), axis=1)
         along = self._mean_between(points, sources)
-        # That of a place from itself, as corners tell it.
+        # The interpolated distance of a place from itself, which should be 0.
         own = self._mean_between(sources, sources)
         touch = (points.corners[:, :, None] == sources.corners[:, None, :]) & (
             (points.weights[:, :, None] > 0) & (sources.weights[:, None, :] > 0)
@@ -157,7 +156,7 @@ class GeodesicDistances:
         return np.asarray(np.maximum(straight, far))
 
     def _mean_between(self, points: SurfacePlaces, sources: SurfacePlaces) -> FloatArray:
-        """Return mean distances between the corners of places."""
+        """Return distances between places, interpolated from their corners."""
         mean = np.zeros(len(points.corners))
         for i in range(3):
             for j in range(3):
@@ -173,15 +172,15 @@ class GeodesicDistances:
         return places.means(at)
 
     def rows(self, sources: IntArray) -> Any:
-        """Return distances from distinct sources to all vertices, as float32.
+        """Return the distances from distinct sources to all vertices.
 
-        The array has shape (n_sources, n_vertices).
+        The result is a float32 array of shape (n_sources, n_vertices).
         """
         sources = self._vertices(sources, "sources")
         with _LOCK:
             missing = sources[self._row_of[sources] < 0]
-        # Not under the lock: on a cluster, a thread that waits for its blocks takes on other tasks,
-        # which may ask too.
+        # Computed without the lock: on a cluster, a thread that waits for its blocks runs other
+        # tasks meanwhile, and these may need distances too.
         computed = self._compute(missing) if len(missing) else self._rows[:0]
         with _LOCK:
             if (self._row_of[missing] < 0).any():
@@ -191,17 +190,17 @@ class GeodesicDistances:
 
     @property
     def n_vertices(self) -> int:
-        """Number of vertices that there are distances between."""
+        """Number of vertices between which distances are given."""
         return self.mesh.n_vertices
 
     def _vertices(self, numbers: object, who: str) -> IntArray:
-        """Return vertex numbers: what lies beneath reads whatever memory a wrong one leads to."""
+        """Return checked vertex indices: compiled code would read outside the arrays otherwise."""
         array = as_array(numbers, who)
         if array.size == 0:
             return np.empty(0, dtype=np.int64)
         if array.ndim != 1 or not np.issubdtype(array.dtype, np.integer):
             raise ValueError(
-                f"{who} must be a 1-D array of vertex numbers; got {array.dtype} of shape "
+                f"{who} must be a 1-D array of vertex indices; got {array.dtype} of shape "
                 f"{array.shape}."
             )
         check_index_range(array, self.n_vertices, f"The {who}", ValueError)
@@ -222,15 +221,16 @@ class GeodesicDistances:
 class PlaceDistances(GeodesicDistances):
     """Distances between the vertices of a given mesh, measured on its working mesh.
 
-    Each vertex is at the place that the prolongation says: distances between the corners of two
-    faces are interpolated, and those of places whose faces touch are straight lines.
+    The prolongation gives the place of each vertex on the working mesh. Distances are interpolated
+    from those between the corners of the two faces; between faces that touch they are straight
+    lines.
 
     Parameters
     ----------
     shape : SpectralShape
         The shape.
     within : GeodesicDistances
-        On its working mesh.
+        Distances on its working mesh.
     """
 
     def __init__(self, shape: SpectralShape, within: GeodesicDistances) -> None:
@@ -243,7 +243,10 @@ class PlaceDistances(GeodesicDistances):
         return self.shape.n_given
 
     def between(self, points: object, sources: object) -> FloatArray:
-        """Return the distance of each given vertex from the one beside it; NaN without a place."""
+        """Return the distance between each point and its source; NaN for a vertex without a place.
+
+        Points and sources are vertices of the given mesh.
+        """
         points, sources = self._vertices(points, "points"), self._vertices(sources, "sources")
         if self.shape.prolongation is None:
             return self.within.between(points, sources)
@@ -270,13 +273,13 @@ class PlaceDistances(GeodesicDistances):
         return self.shape.vertices_at(places.vertices, places)
 
     def rows(self, sources: IntArray) -> Any:
-        """Compute what the distances of all vertices from the sources are made of, in advance."""
+        """Compute in advance the rows that distances from these sources need."""
         corners = np.unique(self.shape.places_of(self._vertices(sources, "sources"))[0])
         return self.within.rows(corners)
 
 
 def _check_surface(mesh: Mesh) -> None:
-    """Raise where distances would be infinite, or the libraries beneath would fail or answer 0."""
+    """Raise if distances would be infinite, or the libraries would fail or return 0."""
     whole = len(unreferenced_vertices(mesh.faces, mesh.n_vertices)) == 0
     if (
         not whole
@@ -284,8 +287,8 @@ def _check_surface(mesh: Mesh) -> None:
         or not SMALLEST_AREA < mesh.area < LARGEST_AREA
     ):
         raise MeshError(
-            f"No distances are defined on {label(mesh.name)}: it has several components, vertices "
-            "that no face uses, or no area. check_mesh says which, repair_mesh mends it."
+            f"Distances are not defined on {label(mesh.name)}: it has several components, vertices "
+            "that no face uses, or no area. check_mesh says which, and repair_mesh mends it."
         )
 
 
@@ -313,7 +316,7 @@ def reference_distances(
 ) -> GeodesicDistances:
     """Return the distances on a mesh, shared by all scores on it in this process.
 
-    The two latest meshes are kept.
+    Distances of the two meshes used last are kept.
     """
     key = (mesh.content_hash, method)
     with _LOCK:
@@ -333,14 +336,14 @@ class PairErrors:
     Attributes
     ----------
     vertices : ndarray of int, shape (n_pairs,)
-        Vertex of S_i.
+        Vertex of S_i in each pair.
     direct : ndarray of shape (n_pairs,)
-        Distance of the match from the true vertex of S_0.
+        Distance between the matched and the true vertex of S_0.
     symmetric : ndarray of shape (n_pairs,) or None
-        Distance from the symmetric counterpart of the true vertex; NaN where unknown, None if
-        nowhere known.
+        Distance between the matched vertex and the symmetric counterpart of the true one; NaN where
+        the counterpart is unknown, None if no counterpart is known.
     weights : ndarray of shape (n_pairs,)
-        Weight of the pair on S_i; 1 for plain pairs.
+        Weight of each pair on S_i; 1 for plain pairs.
     """
 
     vertices: IntArray
@@ -349,16 +352,16 @@ class PairErrors:
     weights: FloatArray
 
     def of_kind(self, kind: ErrorKind) -> FloatArray:
-        """Return the errors as ``kind`` counts them, shape (n_pairs,)."""
+        """Return the errors of one kind, shape (n_pairs,)."""
         check_choice(kind, "kind", ERROR_KINDS)
         if kind == "direct" or len(self.direct) == 0:
             return self.direct
         if self.symmetric is None:
             raise CorrespondenceError(
-                f"{kind} errors need the symmetric answer; give the reference's Correspondence "
-                "symmetric_pairs (.sym.vts files), or use kind='direct'."
+                f"{kind} errors need the symmetric answer. Give symmetric_pairs (.sym.vts files) "
+                "to the Correspondence of the reference, or use kind='direct'."
             )
-        known = ~np.isnan(self.symmetric)  # elsewhere the direct answer is the only one
+        known = ~np.isnan(self.symmetric)  # elsewhere there is only the direct answer
         if kind == "per_vertex":
             return np.fmin(self.direct, self.symmetric)
         if not self.weights[known].any():
@@ -369,18 +372,15 @@ class PairErrors:
         return self.direct if direct <= symmetric else np.where(known, self.symmetric, self.direct)
 
     def mean(self, kind: ErrorKind = "direct") -> float:
-        """Return the mean error of ``kind``.
-
-        NaN for a shape that was left out, which has no pairs.
-        """
+        """Return the mean error of one kind; NaN for a shape without pairs, which was left out."""
         if not self.weights.any():
             return float("nan")
         return float(np.average(self.of_kind(kind), weights=self.weights))
 
 
 _HOW = {
-    Correspondence: "Correspondence.from_vertices and its siblings make one.",
-    GeodesicDistances: "GeodesicDistances(mesh) makes them for the reference.",
+    Correspondence: "Create one with Correspondence.from_vertices or a similar method.",
+    GeodesicDistances: "Create it with GeodesicDistances(mesh) for the reference's mesh.",
 }
 
 
@@ -390,7 +390,7 @@ def pair_errors(
     correspondence_0: Correspondence,
     distances: GeodesicDistances,
 ) -> PairErrors:
-    """Return the errors of a point map at every pair that S_i and S_0 share.
+    """Return the errors of a point-to-point map at every pair that S_i and S_0 share.
 
     Parameters
     ----------
@@ -399,22 +399,22 @@ def pair_errors(
     correspondence_i, correspondence_0 : Correspondence
         Where the two shapes lie on the template.
     distances : GeodesicDistances
-        On S_0.
+        Distances on S_0.
 
     Returns
     -------
     PairErrors
-        One entry per pair of S_i whose template point S_0 has. Where several vertices of S_0 stand
-        on one point, their errors are averaged. Of a pair that is at a place between vertices, the
-        error is one distance: the place is sent where the map sends the corners of its face, with
-        the same weights, and measured by `GeodesicDistances.between_places`.
+        One entry for each pair of S_i whose template point is also on S_0. If several vertices of
+        S_0 are at one template point, their errors are averaged. For a place between vertices, the
+        corners of its face are mapped and combined with the same weights, and
+        `GeodesicDistances.between_places` measures the distance.
 
     Raises
     ------
     CorrespondenceError
-        If no pair is left.
+        If the shapes share no pair.
     TypeError
-        If one of the arguments is something else.
+        If an argument has the wrong type.
     """
     for given, kind in (
         (correspondence_i, Correspondence),
@@ -422,9 +422,7 @@ def pair_errors(
         (distances, GeodesicDistances),
     ):
         if not isinstance(given, kind):
-            raise TypeError(
-                f"A {kind.__name__} is expected here; got {type(given).__name__}. {_HOW[kind]}"
-            )
+            raise TypeError(f"Expected a {kind.__name__}; got {type(given).__name__}. {_HOW[kind]}")
     symmetric_0 = correspondence_0.symmetric_pairs
     known = [correspondence_0.pairs[:, 0], correspondence_0.corners]
     for vertices in known if symmetric_0 is None else [*known, symmetric_0[:, 0]]:
@@ -435,7 +433,7 @@ def pair_errors(
     )
     if len(keys) == 0:
         raise CorrespondenceError(
-            "The shape and the reference share no template point; there is nothing to score."
+            "The shape and the reference share no template point, so there is nothing to score."
         )
     if not correspondence_0.has_symmetric:
         return PairErrors(keys[:, 0], direct, None, weights)
@@ -450,7 +448,7 @@ def pair_errors(
 
 
 def _check_p2p(p2p: object, n_vertices_0: int, n_needed: int) -> IntArray:
-    """Return a point map whose entries are all vertices of the reference."""
+    """Return a point-to-point map, checked to hold vertices of the reference only."""
     array = np.asarray(p2p)
     if array.ndim != 1 or not np.issubdtype(array.dtype, np.integer):
         raise TypeError(
@@ -472,7 +470,7 @@ def _mean_by_pair(
     *,
     symmetric: bool,
 ) -> tuple[IntArray, FloatArray, FloatArray]:
-    """Return the distinct (vertex, template point) rows, their mean errors and weights."""
+    """Return the distinct (vertex, template point) rows, with their mean errors and weights."""
     joined, p2p = own.join(other, symmetric=symmetric), np.asarray(p2p)
     rows = np.column_stack([joined.vertices_i, joined.points])
     keys, inverse = np.unique(rows, axis=0, return_inverse=True)
@@ -495,7 +493,7 @@ def geodesic_error(
     *,
     kind: ErrorKind = "direct",
 ) -> float:
-    """Return the mean geodesic error of a point map, in units of sqrt(area) of the reference.
+    """Return the mean geodesic error of a point-to-point map, in units of sqrt(area) of S_0.
 
     Parameters
     ----------
@@ -504,19 +502,20 @@ def geodesic_error(
     correspondence_i, correspondence_0 : Correspondence
         Where the two shapes lie on the template.
     distances : GeodesicDistances
-        On S_0.
+        Distances on S_0.
     kind : {"direct", "consistent", "per_vertex"}, default="direct"
-        What symmetric answers count for; see the module's docstring.
+        How symmetric answers count: not at all, if they are better for the whole map, or at each
+        pair where they are better.
 
     Returns
     -------
     float
-        Mean over the pairs.
+        The mean over the pairs.
 
     Raises
     ------
     CorrespondenceError
-        If no pair is left, or if ``kind`` needs a symmetric answer and there is none.
+        If the shapes share no pair, or ``kind`` needs a symmetric answer and there is none.
 
     Examples
     --------
@@ -535,28 +534,28 @@ def geodesic_error(
 def error_curve(
     errors: FloatArray, thresholds: FloatArray, weights: FloatArray | None = None
 ) -> FloatArray:
-    """Return the share of pairs whose error is at most each threshold.
+    """Return the fraction of pairs whose error is at most each threshold.
 
-    This is the cumulative curve of the paper's figure 5, right.
+    This is the cumulative curve of figure 5, right, in the paper.
 
     Parameters
     ----------
     errors : array-like of shape (n_pairs,)
-        Errors; none of them NaN.
+        Errors, without NaN.
     thresholds : array-like of shape (n_thresholds,)
-        Where the curve is asked for.
+        Thresholds at which the curve is evaluated.
     weights : array-like of shape (n_pairs,), optional
-        Share of each pair; 1 each by default.
+        Weight of each pair; 1 by default.
 
     Returns
     -------
     ndarray of shape (n_thresholds,)
-        Between 0 and 1.
+        Fractions between 0 and 1.
 
     Raises
     ------
     ValueError
-        If there are no errors, one is NaN, or weights do not fit.
+        If there are no errors, one of them is NaN, or the weights are invalid.
 
     Examples
     --------
@@ -568,7 +567,7 @@ def error_curve(
     share = np.ones(len(errors)) if weights is None else as_reals(weights, "weights")
     if errors.ndim != 1 or errors.size == 0 or np.isnan(errors).any():
         raise ValueError(
-            f"errors must be one-dimensional, with one error at least and no NaN; got {errors}."
+            f"errors must be one-dimensional, with at least one error and no NaN; got {errors}."
         )
     if share.shape != errors.shape or not (share >= 0).all() or not 0 < share.sum() < np.inf:
         raise ValueError(
@@ -580,20 +579,24 @@ def error_curve(
 
 
 def singular_value_profile(X: FloatArray, C: FloatArray, thresholds: FloatArray) -> FloatArray:
-    """Return the share of the singular values of X - C at most each threshold (figure 3, right)."""
+    """Return the fraction of singular values of X - C that are at most each threshold.
+
+    This is the curve of figure 3, right, in the paper.
+    """
     return error_curve(np.asarray(np.linalg.svd(X - C, compute_uv=False)), thresholds)
 
 
 def coverage(p2p: IntArray, mass_0: FloatArray) -> float:
-    """Return the share of the area of S_0 whose vertices the point map hits."""
+    """Return the fraction of the area of S_0 at vertices that the point-to-point map reaches."""
     mass_0 = as_reals(mass_0, "mass_0")
     return float(mass_0[np.unique(_check_p2p(p2p, len(mass_0), 0))].sum() / mass_0.sum())
 
 
 def continuity(p2p: IntArray, mesh_i: Mesh, distances: GeodesicDistances) -> float:
-    """Return the mean stretch of the edges of S_i.
+    """Return the mean stretch of the edges of S_i under a point-to-point map.
 
-    An edge is stretched by the distance of its images over its length, both over sqrt(area).
+    The stretch of an edge is the distance between the images of its ends divided by its length,
+    both in units of sqrt(area).
     """
     edges = edges_of(mesh_i.faces)
     ends = mesh_i.vertices[edges]
@@ -605,10 +608,7 @@ def continuity(p2p: IntArray, mesh_i: Mesh, distances: GeodesicDistances) -> flo
 def mean_over_shapes(
     means: Sequence[float], weights: Sequence[float] | FloatArray | None = None
 ) -> float:
-    """Return the weighted mean of the shapes' errors.
-
-    Shapes that were left out (NaN) do not count.
-    """
+    """Return the weighted mean of the shapes' errors, without shapes that were left out (NaN)."""
     errors = np.asarray(means, dtype=np.float64)
     share = np.ones(len(errors)) if weights is None else np.asarray(weights, dtype=np.float64)
     known = ~np.isnan(errors) & (share > 0)

@@ -1,4 +1,4 @@
-"""From what was given to a working mesh: sound, connected, of bounded size."""
+"""From the given mesh to a working mesh that is sound, connected and of bounded size."""
 
 from typing import NamedTuple
 
@@ -27,30 +27,31 @@ from skfmap.shapes import Mesh, Prolongation
 
 __all__ = ["WorkingMesh", "check_sound", "working_mesh"]
 
-# Share of the area whose wall is thinner than an edge of the working mesh, beyond which it is told.
+# The user is told if walls over more than this fraction of the area are thinner than an edge of the
+# working mesh.
 _THIN_WALLS = 0.1
-# How far, in sqrt(area), thinning may move the surface anywhere without a word: three edges of
-# 5,000 vertices.
+# The user is told if thinning moves the surface farther than this anywhere, in sqrt(area); it is
+# the length of three edges of a mesh of 5,000 vertices.
 _FAR_OFF = 0.05
-# Closing radii within which a vertex counts as lying on the shell.
+# Distance, in closing radii, within which a vertex counts as lying on the shell.
 _REACH = 2.0
 
 _MENDS = "SpectralBasis(on_invalid='mend')"
 
 
 class WorkingMesh(NamedTuple):
-    """What is computed on, and what it has to do with what was given.
+    """The mesh that is computed on, and how it relates to the given mesh.
 
     Attributes
     ----------
     mesh : Mesh
-        The working mesh, wound consistently and outwards where that can be told.
+        The working mesh, wound consistently and outwards where this can be determined.
     consistent, outward : bool
-        Whether it is wound so.
+        Whether the winding is consistent, and outwards.
     prolongation : Prolongation or None
-        From the working mesh to the given one; None if they are one, vertex by vertex.
+        From the working mesh to the given one; None if their vertices are the same.
     told : tuple of str
-        What was done that a person should know of.
+        Changes that the user should know of.
     """
 
     mesh: Mesh
@@ -70,32 +71,32 @@ def working_mesh(
     laplacian: str,
     memory: MemoryLike = None,
 ) -> WorkingMesh:
-    """Return the working mesh of what was given.
+    """Return the working mesh of a given mesh.
 
     Parameters
     ----------
     given : Mesh, or (vertices, faces)
-        Arrays may be broken in any way where it is to be mended.
+        The given mesh. Arrays may have any fault if ``mend`` is true.
     name : str or None
-        What messages call it.
+        Name of the mesh in messages.
     mend, wrap : bool
-        Whether it may be mended, and wrapped where it is no surface of a body.
+        Whether the mesh may be mended, and wrapped if it is not the surface of one body.
     max_vertices : int or None
-        Most vertices of the working mesh; None for any number.
+        Maximum number of vertices of the working mesh; None for any number.
     laplacian : str
-        What it must be sound enough for.
+        Laplacian that the working mesh must be sound enough for.
     memory : str or joblib.Memory, optional
-        Where thinned and wrapped meshes are kept.
+        Where thinned and wrapped meshes are cached.
 
     Returns
     -------
     WorkingMesh
-        The given mesh itself where it is sound and small.
+        The working mesh; this is the given mesh itself if it is sound and small.
 
     Raises
     ------
     MeshError
-        If it is not sound, and cannot be mended or must not be.
+        If the mesh is not sound, and cannot or must not be mended.
     """
     vertices, faces = (given.vertices, given.faces) if isinstance(given, Mesh) else given
     sound = _mended(given, name) if mend else _as_it_is(given, name, laplacian)
@@ -126,9 +127,9 @@ def working_mesh(
 
 
 class _Sound(NamedTuple):
-    """A sound mesh, what became of the vertices that were given, and what was done.
+    """A sound mesh, the new index of each given vertex, and what was done.
 
-    And why it is no surface of a body but for its shell, if it is none.
+    ``reason_to_wrap`` says why it is not the surface of one body; it is empty if it is one.
     """
 
     mesh: Mesh
@@ -155,10 +156,10 @@ def _mended(given: Mesh | tuple[FloatArray, IntArray], name: str | None) -> _Sou
 
 
 class _Thinned(NamedTuple):
-    """A thinned mesh, how it is wound, and the place on it of each vertex before.
+    """A thinned mesh, its winding, and the place on it of each original vertex.
 
-    Its thin walls as a share of its area, and how far the surface is at most from where it was, in
-    sqrt(area).
+    ``thin_walls`` is a fraction of the area; ``hausdorff`` is the largest distance between the
+    thinned and the original surface, in sqrt(area).
     """
 
     vertices: FloatArray
@@ -172,9 +173,9 @@ class _Thinned(NamedTuple):
 
 
 def _thinned(mesh: Mesh, content_hash: str, n_vertices: int) -> _Thinned:  # noqa: ARG001
-    """Thin a mesh, and place its vertices by following the collapses.
+    """Thin a mesh, and find the place of each original vertex by following the collapses.
 
-    Never at the point nearest in space: that may be on the other side of a thin wall.
+    The nearest point in space would not do: it may be on the other side of a thin wall.
     """
     given = mesh.faces
     if not is_wound_consistently(given):
@@ -206,7 +207,7 @@ def _thinned(mesh: Mesh, content_hash: str, n_vertices: int) -> _Thinned:  # noq
 def _not_thinned(mesh: Mesh, n_vertices: int, why: str) -> MeshError:
     return MeshError(
         f"{label(mesh.name)} cannot be thinned to {n_vertices} vertices: {why}. Mend it "
-        f"({_MENDS}), or give max_vertices=None."
+        f"({_MENDS}), or set max_vertices=None."
     )
 
 
@@ -215,20 +216,20 @@ def _told_of_walls(small: _Thinned, mesh: Mesh) -> list[str]:
     told = []
     if small.thin_walls > _THIN_WALLS:
         told.append(
-            f"{thinned}, walls over {small.thin_walls:.0%} of the area are thinner than an edge, "
-            "and their two sides may be confused (a larger max_vertices of SpectralBasis "
-            "tells them apart)"
+            f"{thinned}; walls over {small.thin_walls:.0%} of the area are thinner than an edge, "
+            "and their two sides may be confused (increase max_vertices of SpectralBasis to "
+            "separate them)"
         )
     if small.hausdorff > _FAR_OFF:
         told.append(
-            f"{thinned}, some of the surface is {small.hausdorff:.2f} sqrt(area) away from where "
-            "it was: a detail too thin for so few vertices"
+            f"{thinned}; part of the surface moved by {small.hausdorff:.2f} sqrt(area), because "
+            "it is too thin for so few vertices"
         )
     return told
 
 
 class _Shell(NamedTuple):
-    """The shell around a mesh, thinned, and the place on it of each vertex."""
+    """The thinned shell around a mesh, and the place on it of each vertex."""
 
     vertices: FloatArray
     faces: IntArray
@@ -242,7 +243,7 @@ def _wrapped(
     content_hash: str,  # noqa: ARG001
     max_vertices: int | None,
 ) -> _Shell:
-    """Wrap a mesh, and place on the shell the vertices that it reaches with agreeing normals."""
+    """Wrap a mesh, and place the vertices that the shell reaches with agreeing normals on it."""
     vertices, faces = given
     faces = faces[sound_faces(vertices, faces)]
     shell = wrap(vertices, faces)
@@ -254,7 +255,7 @@ def _wrapped(
     at, where, distances = Surface(points, triangles).locate(
         vertices[used], vertex_normals(vertices, faces)[used], agreeing=True
     )
-    reached = distances <= _REACH * shell.radius  # not where there is no place at all
+    reached = distances <= _REACH * shell.radius  # False for vertices without a place
     face[used[reached]], coordinates[used[reached]] = at[reached], where[reached]
     return _Shell(points, triangles, face, coordinates, shell.radius)
 
@@ -262,13 +263,13 @@ def _wrapped(
 def _of_shell(shell: _Shell, name: str | None, sound: _Sound) -> WorkingMesh:
     if (shell.face < 0).all():
         raise MeshError(
-            f"{label(name)} cannot be wrapped: its shell reaches none of its vertices. Use "
+            f"{label(name)} cannot be wrapped: the shell reaches none of its vertices. Use "
             "SpectralBasis(wrap=None)."
         )
     told = (
         f"wrapped, because {sound.reason_to_wrap}: openings narrower than {2 * shell.radius:.3g} "
-        f"of its units are closed, and {(shell.face < 0).sum()} of {len(shell.face)} vertices, "
-        "which the shell does not reach, have no answer"
+        f"of its units are closed, and {(shell.face < 0).sum()} of {len(shell.face)} vertices "
+        "have no answer, because the shell does not reach them"
     )
     mesh = Mesh(shell.vertices, shell.faces, name)
     prolongation = Prolongation.packed(shell.face, shell.coordinates)
@@ -276,30 +277,30 @@ def _of_shell(shell: _Shell, name: str | None, sound: _Sound) -> WorkingMesh:
 
 
 def check_sound(mesh: Mesh, laplacian: str) -> None:
-    """Raise where an eigenbasis would be wrong or would bring down the libraries beneath."""
+    """Raise if an eigenbasis of the mesh would be wrong, or would crash the libraries."""
     who = label(mesh.name)
     if len(loose := unreferenced_vertices(mesh.faces, mesh.n_vertices)):
         raise MeshError(
-            f"{who} has {len(loose)} vertices that no face uses, the first is vertex {loose[0]}. "
-            "Remove them, and renumber its correspondences to match, or leave that to "
+            f"{who} has {len(loose)} vertices that no face uses; the first is vertex {loose[0]}. "
+            "Remove them and renumber its correspondences accordingly, or leave that to "
             f"{_MENDS}."
         )
     if len(repeated := repeated_corners(mesh.faces)):
         raise MeshError(
-            f"{who} has {len(repeated)} faces that name a vertex twice, the first is face "
-            f"{repeated[0]}; remove these faces (vertex numbers stay as they are), or leave that "
-            f"to {_MENDS}."
+            f"{who} has {len(repeated)} faces with a repeated vertex; the first is face "
+            f"{repeated[0]}. Remove these faces (vertex indices do not change), or leave that to "
+            f"{_MENDS}."
         )
     if (n_parts := count_components(mesh.faces, mesh.n_vertices)) > 1:
         raise MeshError(
-            f"{who} has {n_parts} connected components; a functional map cannot relate them. Keep "
-            "the largest, or merge duplicate vertices if they split the surface along seams; or "
+            f"{who} has {n_parts} connected components, which a functional map cannot relate. Keep "
+            "the largest, or merge duplicate vertices if they split the surface along seams, or "
             f"leave that to {_MENDS}."
         )
     if not SMALLEST_AREA < mesh.area < LARGEST_AREA:
         raise MeshError(
-            f"{who} has an area of {mesh.area:.2g}, too extreme to compute with; check its "
-            "coordinates, or choose another unit of length."
+            f"{who} has an area of {mesh.area:.2g}, which is too extreme to compute with; check "
+            "its coordinates, or choose another unit of length."
         )
     if laplacian == "cotangent":
         _check_cotangent(mesh, who)
@@ -309,10 +310,10 @@ def _check_cotangent(mesh: Mesh, who: str) -> None:
     remedy = f"mend them ({_MENDS}), or use SpectralBasis(laplacian='robust')."
     if len(flat := degenerate_faces(mesh.vertices, mesh.faces)):
         raise MeshError(
-            f"{who} has {len(flat)} faces without area, the first is face {flat[0]}; {remedy}"
+            f"{who} has {len(flat)} faces without area; the first is face {flat[0]}; {remedy}"
         )
     if len(edges := nonmanifold_edges(mesh.faces)):
         raise MeshError(
-            f"{who} has {len(edges)} edges with more than two faces, the first is "
+            f"{who} has {len(edges)} edges with more than two faces; the first is "
             f"{edges[0].tolist()}; {remedy}"
         )

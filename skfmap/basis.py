@@ -1,4 +1,4 @@
-"""From meshes to shapes with a basis of Laplacian eigenfunctions."""
+"""The transformer that computes the Laplacian eigenfunctions of meshes."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -31,10 +31,10 @@ from skfmap.shapes.usable import warn_of_repairs, warn_of_skipped
 
 __all__ = ["SpectralBasis"]
 
-# Eigenfunctions are computed in blocks of so many, the first of which holds the default of 120
+# Eigenfunctions are computed in blocks of this many; the first block includes the default of 120
 # (`docs/speed.rst`, "Bases", has times for 128).
 _BLOCK = 128
-# Of a file for each vertex of a mesh: 38 of binary PLY, some 90 of OFF.
+# Approximate file size per vertex: 38 bytes for binary PLY, about 90 for OFF.
 _BYTES = 60
 
 
@@ -42,7 +42,7 @@ ON_INVALID = ("mend", "raise", "skip")
 
 
 class _How(NamedTuple):
-    """Parameters of a basis, as its workers take them."""
+    """Parameters of a basis, in the form that is sent to its workers."""
 
     laplacian: str
     n_components: int
@@ -52,7 +52,7 @@ class _How(NamedTuple):
     memory: MemoryLike
 
 
-# A shape, and what was done to its mesh.
+# A shape, and messages about what was done to its mesh.
 _Made: TypeAlias = tuple[SpectralShape | SkippedShape, tuple[str, ...]]
 
 
@@ -77,13 +77,13 @@ class SpectralBasis(Versioned, StatelessShapeTransformer, BaseEstimator):
         Whether to wrap a mesh that is not the surface of one body but has hundreds of tunnels, or
         debris all around: the working mesh is then the outer shell around it, with tunnels and
         pores closed. Given vertices that the shell does not reach, such as those of inner walls,
-        get -1 and NaN. None never wraps: on mouse skulls with 250 tunnels and more, refined
-        matches put landmarks within 0.32 mm without it and 0.42 mm with it. Nothing is wrapped with
+        get -1 and NaN. None never wraps: on mouse skulls with 250 or more tunnels, refined matches
+        put landmarks within 0.32 mm without wrapping and 0.42 mm with it. Nothing is wrapped with
         ``on_invalid="raise"``.
     on_invalid : {"mend", "raise", "skip"}, default="mend"
         What to do with a mesh that cannot be used as it is. ``"mend"`` mends it as
         `skfmap.repair_mesh` does, with a warning that says what was done, and raises an error if
-        that is impossible; answers have the vertex numbers of the given mesh, with -1 where a
+        that is impossible; answers have the vertex indices of the given mesh, with -1 where a
         vertex was removed. ``"raise"`` never mends. ``"skip"`` mends, and if that is impossible
         puts a `skfmap.shapes.SkippedShape` in its place, with a warning: the learner leaves it out,
         and its answers are NaN and -1.
@@ -100,11 +100,12 @@ class SpectralBasis(Versioned, StatelessShapeTransformer, BaseEstimator):
 
     Notes
     -----
-    Stateless: `transform` works without `fit`, and each shape is processed separately. Internally,
-    shapes are scaled to unit area. Eigenfunctions come from shift-invert Lanczos with a fixed start
-    vector; the sign of each makes the integral of its cube positive. Eigenfunctions are computed in
-    blocks of 128 and cut to ``n_components``, so that a search over it computes (and caches) each
-    basis once. Faces are wound consistently, and outwards where the outside can be determined.
+    This transformer is stateless: `transform` works without `fit`, and each shape is processed
+    separately. Internally, shapes are scaled to unit area. Eigenfunctions are computed by
+    shift-invert Lanczos with a fixed start vector; the sign of each makes the integral of its cube
+    positive. They are computed in blocks of 128 and truncated to ``n_components``, so that a search
+    over ``n_components`` computes (and caches) each basis once. Faces are wound consistently, and
+    outwards where the outside can be determined.
 
     Each mesh is turned into a *working mesh*, which is sound and connected and has at most
     ``max_vertices`` vertices. `SpectralShape` records where on it each given vertex lies. The given
@@ -141,27 +142,27 @@ class SpectralBasis(Versioned, StatelessShapeTransformer, BaseEstimator):
         self.verbose = verbose
 
     def __setstate__(self, state: dict[str, Any]) -> None:
-        """Take what was saved, also before there were working meshes: nothing is thinned then."""
+        """Restore a saved state; models from before there were working meshes never thin."""
         before = {"max_vertices": None, "wrap": None} if "max_vertices" not in state else {}
         state = {**before, **state}
         if state.get("on_invalid") == "repair":
-            state["on_invalid"] = "skip"  # what that is called now
+            state["on_invalid"] = "skip"  # the current name of this option
         super().__setstate__(state)
 
     def fit(self, X: Sequence[MeshLike], y: object = None) -> Self:  # noqa: ARG002
-        """Check the parameters and the types of the items; nothing is read or learned.
+        """Check the parameters and the types of the items, without reading or learning anything.
 
         Parameters
         ----------
         X : sequence of meshes
             Each a Mesh, a trimesh.Trimesh, a (vertices, faces) pair or a path.
         y : ignored
-            For scikit-learn's interface.
+            Present for API consistency by convention.
 
         Returns
         -------
         SpectralBasis
-            Itself.
+            The transformer itself.
         """
         self._check_parameters()
         check_meshes(X)
@@ -196,7 +197,7 @@ class SpectralBasis(Versioned, StatelessShapeTransformer, BaseEstimator):
         OrientationWarning
             If the outside of a mesh cannot be determined.
         RepairWarning, SkippedShapeWarning
-            If meshes were mended, or left out, as ``on_invalid`` says.
+            If meshes were mended or left out, depending on ``on_invalid``.
         """
         self._check_parameters()
         items = check_meshes(X)
@@ -213,14 +214,14 @@ class SpectralBasis(Versioned, StatelessShapeTransformer, BaseEstimator):
             ((item, i, how) for i, item in enumerate(items)),
             n_jobs=self.n_jobs,
             verbose=self.verbose,
-            # Solves and products leave the interpreter free, thinning does not.
+            # Solvers and matrix products release the GIL, thinning does not.
             prefer=None if any(_may_be_thinned(item, how) for item in items) else "threads",
         )
         shapes = [_found_at(shape, item) for (shape, _), item in zip(made, items, strict=True)]
         warn_of_repairs([(shape, ", ".join(told)) for shape, told in made])
         warn_of_skipped(shapes, told=items)
         _warn_of_unknown_sides(shapes)
-        return cast("list[SpectralShape]", shapes)  # none is skipped unless that is asked for
+        return cast("list[SpectralShape]", shapes)  # none is skipped unless on_invalid is "skip"
 
     def _check_parameters(self) -> None:
         check_choice(self.on_invalid, "on_invalid", ON_INVALID)
@@ -231,14 +232,14 @@ class SpectralBasis(Versioned, StatelessShapeTransformer, BaseEstimator):
             if self.max_vertices <= self.n_components:
                 raise ValueError(
                     f"max_vertices={self.max_vertices} leaves too few vertices for n_components="
-                    f"{self.n_components}; raise it, best to 3,000 and more."
+                    f"{self.n_components}; raise it, preferably to 3,000 or more."
                 )
         if self.wrap is not None:
             check_choice(self.wrap, "wrap", ("auto",))
 
 
 def _may_be_thinned(item: MeshLike, how: _How) -> bool:
-    """Tell whether a mesh has more vertices than a working mesh, files by their size."""
+    """Return whether a mesh has more vertices than a working mesh; files are judged by size."""
     if how.max_vertices is None or isinstance(item, SkippedShape):
         return False
     if isinstance(item, (str, Path)):
@@ -248,7 +249,7 @@ def _may_be_thinned(item: MeshLike, how: _How) -> bool:
 
 
 def _found_at(shape: SpectralShape | SkippedShape, item: MeshLike) -> SpectralShape | SkippedShape:
-    """Return the shape with the caller's mesh, which no worker sends back."""
+    """Return the shape with the caller's mesh, since workers do not send it back."""
     if isinstance(shape, SkippedShape) or shape.given is None:
         return shape
     return replace(shape, given=shape.given.found_at(item))
@@ -263,8 +264,8 @@ def _warn_of_unknown_sides(shapes: Sequence[SpectralShape | SkippedShape]) -> No
     names = [f"X[{i}]" if name is None else repr(name) for i, name in unknown]
     if names:
         warn(
-            f"It cannot be determined which side of {', '.join(names)} is the outside: no "
-            "consistent winding, or no volume enclosed. Oriented probes and mean curvature may "
+            f"It cannot be determined which side of {', '.join(names)} is the outside: the winding "
+            "is inconsistent, or no volume is enclosed. Oriented probes and mean curvature may "
             "have the wrong sign there, and left and right may be confused; check the winding of "
             "the faces, or use DescriptorTransformer('paper').",
             OrientationWarning,
@@ -315,7 +316,7 @@ def _spectral_shape(working: WorkingMesh, how: _How) -> SpectralShape:
         )
     except (np.linalg.LinAlgError, RuntimeError) as error:
         raise MeshError(
-            f"No eigenbasis for {label(mesh.name)}: {error}. Mend the mesh"
+            f"The eigenbasis of {label(mesh.name)} cannot be computed: {error}. Mend the mesh"
             + (
                 ", or try SpectralBasis(laplacian='robust')."
                 if how.laplacian == "cotangent"
@@ -324,9 +325,9 @@ def _spectral_shape(working: WorkingMesh, how: _How) -> SpectralShape:
         ) from error
     if not (np.isfinite(evals).all() and np.isfinite(evecs).all()):
         raise MeshError(
-            f"No eigenbasis for {label(mesh.name)}: its eigenfunctions are not numbers. Its "
-            "coordinates may have lost their digits far from the origin, or its faces their "
-            "shape; see skfmap.check_mesh."
+            f"The eigenbasis of {label(mesh.name)} cannot be computed: its eigenfunctions are not "
+            "finite. Its coordinates may have lost precision far from the origin, or its faces may "
+            "be degenerate; see skfmap.check_mesh."
         )
     shape = SpectralShape(
         mesh,
@@ -346,14 +347,14 @@ def _spectral_shape(working: WorkingMesh, how: _How) -> SpectralShape:
 def _check_size(mesh: Mesh, n_components: int) -> None:
     if n_components >= mesh.n_vertices:
         raise MeshError(
-            f"{label(mesh.name)} has {mesh.n_vertices} vertices, too few for "
-            f"n_components={n_components}; lower n_components (and the learner's n_functions), or "
-            "refine the mesh."
+            f"{label(mesh.name)} has {mesh.n_vertices} vertices, which is too few for "
+            f"n_components={n_components}; lower n_components (and n_functions of the learner), or "
+            "subdivide the mesh."
         )
 
 
 def _n_computed(n_components: int, n_vertices: int) -> int:
-    """Return how many eigenfunctions are computed: whole blocks, of which fewer are a part."""
+    """Return the number of eigenfunctions to compute, rounded up to whole blocks."""
     return min(_BLOCK * -(-int(n_components) // _BLOCK), n_vertices - 1)
 
 

@@ -21,7 +21,7 @@ class CacheWarning(UserWarning):
 
 
 class MeshError(ValueError):
-    """A mesh cannot be used as it is; the message says which, why and what to do."""
+    """A mesh cannot be used as it is; the message says which one, why, and what to do."""
 
 
 class CorrespondenceError(ValueError):
@@ -29,7 +29,7 @@ class CorrespondenceError(ValueError):
 
 
 class CoverageWarning(UserWarning):
-    """Correspondences determine only a part of a ground-truth functional map."""
+    """Correspondences determine a known functional map only in part."""
 
 
 class DisagreementWarning(UserWarning):
@@ -57,8 +57,8 @@ class SkippedShapeWarning(UserWarning):
 
 
 class StabilityWarning(UserWarning):
-    """What was learned carries hardly any function well, or has weights at their bounds."""
+    """Learned maps carry hardly any function well, or weights are at their bounds."""
 
 
 class UnfamiliarShapeWarning(UserWarning):
-    """A shape is unlike the training shapes: its errors are larger than the expected ones."""
+    """A shape is unlike the training shapes, so its errors may exceed the expected ones."""

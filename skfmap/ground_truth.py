@@ -1,4 +1,4 @@
-"""Known functional maps, from where the shapes lie on the template."""
+"""Known functional maps, fitted to correspondences."""
 
 from collections.abc import Sequence
 from typing import Any, NamedTuple
@@ -34,10 +34,10 @@ __all__ = [
 def join_with_reference(
     truth: Correspondence, shape: ProbedShape, truth_0: Correspondence, reference: ProbedShape
 ) -> JoinedPairs:
-    """Return the pairs of places of a shape and of the reference.
+    """Return the pairs of places that a shape and the reference share.
 
-    Of many pairs around one vertex of the shape's working mesh those nearest to it are enough.
-    Sharing no template point at all is an error that names both.
+    If there are many pairs around one vertex of the shape's working mesh, only the nearest are
+    kept. An error that names both shapes is raised if they share no template point.
     """
     joined = truth.join(truth_0)
     if len(joined.points) == 0:
@@ -61,33 +61,34 @@ def _thinned_out(joined: JoinedPairs, shape: ProbedShape) -> JoinedPairs:
     largest = weights.max(axis=1)
     at = np.take_along_axis(corners, weights.argmax(axis=1)[:, None], axis=1)[:, 0]
     order = np.lexsort((-largest, at))
-    starts = np.searchsorted(at[order], at[order])  # where the pairs of the same vertex begin
+    starts = np.searchsorted(at[order], at[order])  # the first pair of the same vertex
     kept = np.sort(order[np.arange(len(order)) - starts < _AROUND])
     return joined.take(kept)
 
 
-# Pairs around each working vertex that known maps are made of: twice what they could tell apart.
+# Average number of pairs per working vertex, and number of pairs around one of them, beyond which
+# pairs are dropped; this is twice what the working mesh can resolve.
 _AROUND = 2
-# Share of pairs that may be left out without a word: slips that a person would not look for.
+# The user is warned if more than this fraction of pairs is left out; fewer are ordinary slips.
 _MANY = 0.02
 
 
 class KnownMap(NamedTuple):
-    """What the known pairs of a shape and of the reference determine.
+    """A known map, fitted to the pairs of a shape and the reference.
 
     Attributes
     ----------
     C : ndarray of shape (k, k)
         Functional map, from functions on S_0 to functions on S_i.
     n_observed : int
-        How many of the k functions the pairs determine.
+        Number of the k functions that the pairs determine.
     areas : ndarray of shape (n_pairs,)
-        Area of S_i that each pair stands for; 0 for pairs that are left out as wrong.
+        Area of S_i that each pair represents; 0 for pairs that are left out as wrong.
     n_wrong : int
-        How many pairs are left out.
+        Number of pairs that are left out.
     truncation : ndarray of shape (n_components, n_components)
-        `residual_covariance` of the map that the pairs make in all functions held: what the cut
-        costs.
+        `residual_covariance` of the map fitted to the pairs in all functions of the basis: the
+        error of truncating the basis.
     """
 
     C: FloatArray
@@ -106,12 +107,11 @@ def ground_truth_maps(
     memory: MemoryLike = None,
     n_jobs: int | None = None,
 ) -> FloatArray:
-    """Fit the functional maps C_i that known correspondences make.
+    """Fit the functional maps C_i to known correspondences.
 
-    They run from functions on the reference to functions on each shape.
-
-    Mass-weighted least squares: each pair counts by the area that its vertex stands for, so that
-    sparse landmarks weigh the surface evenly.
+    They take functions on the reference to functions on each shape. They are fitted by
+    mass-weighted least squares: each pair is weighted by the area that its vertex represents, so
+    that sparse landmarks weight the surface evenly.
 
     Parameters
     ----------
@@ -120,26 +120,27 @@ def ground_truth_maps(
     joins : sequence of JoinedPairs
         Pairs of vertices of each S_i and of S_0, from `Correspondence.join`.
     n_functions : int
-        k.
+        Number of eigenfunctions, k.
     memory : str or joblib.Memory, optional
         Where maps are cached, by the content of shapes and pairs.
     n_jobs : int, optional
-        Shapes at a time; see joblib.
+        Number of shapes processed in parallel; see joblib.
 
     Returns
     -------
     maps : ndarray of shape (n_shapes, k, k)
-        C_i.
+        The maps C_i.
 
     Raises
     ------
     CorrespondenceError
-        If a shape has fewer distinct vertices with a partner than ``n_functions``.
+        If a shape shares fewer than ``n_functions`` distinct landmarks with the reference.
 
     Warns
     -----
     CoverageWarning
-        If the pairs of a shape determine fewer than k functions; the rest is a guess by isometry.
+        If many pairs were left out as wrong, or if the pairs of a shape determine fewer than k
+        functions. The remaining ones are then filled in assuming an isometry.
     """
     known = known_maps(shapes, reference, joins, n_functions, memory=memory, n_jobs=n_jobs)
     warn_of_coverage(known, [label(shape.name, "shape") for shape in shapes], n_functions)
@@ -155,7 +156,7 @@ def known_maps(
     memory: MemoryLike = None,
     n_jobs: int | None = None,
 ) -> list[KnownMap]:
-    """Return `ground_truth_maps` with what else the pairs tell."""
+    """Return the maps of `ground_truth_maps` with further results of the fit."""
     arguments = (
         (s, reference, join, n_functions, memory) for s, join in zip(shapes, joins, strict=True)
     )
@@ -166,9 +167,9 @@ def known_maps(
 
 
 def coverage_messages(known: Sequence[KnownMap], names: Sequence[str], k: int) -> list[str]:
-    """Return what a person should know of known maps.
+    """Return messages about known maps that the user should read.
 
-    That is: many pairs were left out, or no pairs determine some of the functions.
+    They concern shapes with many pairs left out, and functions that no pairs determine.
     """
     wrong = [
         f"{one.n_wrong} of the {len(one.areas)} pairs of {name}"
@@ -183,47 +184,47 @@ def coverage_messages(known: Sequence[KnownMap], names: Sequence[str], k: int) -
     messages = []
     if wrong:
         messages.append(
-            f"{', '.join(wrong)} lie far from where a smooth map puts them and are left out; "
-            "check the correspondence if that surprises you."
+            f"{', '.join(wrong)} are far from where a smooth map puts them, and were left out; "
+            "check the correspondence if you did not expect this."
         )
     if partial:
         messages.append(
-            f"The pairs of these shapes determine fewer than the {k} functions asked for: "
-            f"{', '.join(partial)}. The rest of each known map is a guess by isometry. Give more "
-            "or better spread pairs, lower n_functions, or leave the shapes out."
+            f"The pairs of these shapes determine fewer than the {k} functions requested: "
+            f"{', '.join(partial)}. The rest of each known map assumes an isometry. Give more "
+            "pairs, or spread them better, lower n_functions, or leave the shapes out."
         )
     return messages
 
 
 def warn_of_coverage(known: Sequence[KnownMap], names: Sequence[str], k: int) -> None:
-    """Warn of what `coverage_messages` says."""
+    """Issue the `coverage_messages` as warnings."""
     for message in coverage_messages(known, names, k):
         warn(message, CoverageWarning)
 
 
 def distinct_landmarks(join: JoinedPairs) -> int:
-    """Return how many distinct landmarks are joined: places on either shape count once."""
+    """Return the number of distinct landmarks; each place on either shape counts once."""
     return min(len(np.unique(part)) for part in (join.vertices_i, join.vertices_0, join.points))
 
 
 def areas_of_pairs(shape: ProbedShape, join: JoinedPairs) -> FloatArray:
-    """Return the area of S_i that each pair stands for, as its vertex is the nearest one."""
+    """Return the area of S_i that each pair represents: the points nearest to its vertex."""
     spectral = shape.spectral
     vertices_i = spectral.working_vertices(join.vertices_i)
     return _shares(spectral.mesh, spectral.mass, vertices_i, join.weights)
 
 
 def check_landmarks(shape: ProbedShape, reference: ProbedShape, join: JoinedPairs, k: int) -> int:
-    """Return how many distinct landmarks a shape and the reference share.
+    """Return the number of distinct landmarks that a shape and the reference share.
 
-    Fewer than k are an error.
+    Raise CorrespondenceError if there are fewer than k.
     """
     n_distinct = distinct_landmarks(join)
     if n_distinct < k:
         raise CorrespondenceError(
             f"{label(shape.name, 'shape')} and {reference.name!r} share {n_distinct} distinct "
-            f"landmarks, too few for n_functions={k}; give more pairs, or lower n_functions to "
-            f"well below {n_distinct}."
+            f"landmarks, which is too few for n_functions={k}; give more pairs, or lower "
+            f"n_functions to well below {n_distinct}."
         )
     return n_distinct
 
@@ -249,7 +250,7 @@ def _known_map(
 
 
 class _Pairs(NamedTuple):
-    """What a ground-truth map is made of; ``vertices_i`` are those of the working mesh."""
+    """Data that a known map is fitted to; ``vertices_i`` are vertices of the working mesh."""
 
     mesh: Mesh
     mass: FloatArray
@@ -279,7 +280,7 @@ def _fit_pairs(pairs: _Pairs, content_hash: str) -> KnownMap:  # noqa: ARG001
 
 
 def _shares(mesh: Mesh, mass: FloatArray, vertices_i: IntArray, weights: FloatArray) -> FloatArray:
-    """Return the area that each pair stands for: that of its vertex, shared by weight."""
+    """Return the area that each pair represents: the area of its vertex, divided by weight."""
     landmarks, inverse = np.unique(vertices_i, return_inverse=True)
     areas = areas_of_landmarks(mesh.vertices, mesh.faces, mass, landmarks)
     per_vertex = np.bincount(inverse, weights)
@@ -287,9 +288,9 @@ def _shares(mesh: Mesh, mass: FloatArray, vertices_i: IntArray, weights: FloatAr
 
 
 def _truncation(pairs: _Pairs, areas: FloatArray, n_distinct: int) -> FloatArray:
-    """Return the covariance of residuals in as many functions as the pairs can tell.
+    """Return the covariance of residuals in as many functions as the pairs determine.
 
-    Beyond these, functions are taken to err as the last ones do.
+    Higher functions are assumed to have the mean variance of the last ten of these.
     """
     n_components = pairs.evecs_i.shape[1]
     n_told = min(n_components, max(2, n_distinct // 2))

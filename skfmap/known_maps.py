@@ -1,7 +1,7 @@
-"""Where known maps come from: pairs as given, or dense maps that are built from a few landmarks.
+"""Known maps, from the given pairs or from dense maps that are built from a few landmarks.
 
-A part of the learner, like refinements: `KnownMaps.build` returns, for each training shape, the
-pairs that its known map is made from.
+These are parts of the learner, as refinements are: `KnownMaps.build` returns, for each training
+shape, the pairs that its known map is fitted to.
 """
 
 from abc import ABC, abstractmethod
@@ -45,39 +45,42 @@ __all__ = [
 
 PAIRS, FROM_LANDMARKS, IN_SPACE = "pairs", "from-landmarks", "in-space"
 
-# Fewest distinct landmarks that a map is built from.
+# Minimum number of distinct landmarks that a map is built from.
 _FEWEST = 8
-# Distinct landmarks for each function, from which on pairs are used as they are.
+# With this many distinct landmarks per function or more, the pairs are used as they are.
 _ENOUGH = 2.0
-# Functions of the first map, and how many more each has that follows.
+# Number of functions of the first map, and of functions added in each step.
 _FIRST, _STEP = 15, 10
-# Points are matched in functions that count half from this one on: known maps err more in higher
-# ones. Mean errors of maps between five cats and the sixth from 13 landmarks: 0.0237 where all
-# functions count alike, 0.0201 with 1 / (1 + lambda / lambda_10), 0.0223 with its square.
+# Index of the function that has half the weight of the constant one when points are matched; higher
+# functions, where known maps err more, have less. Mean errors of maps between five cats and the
+# sixth from 13 landmarks: 0.0237 with equal weights, 0.0201 with 1 / (1 + lambda / lambda_10),
+# 0.0223 with its square.
 _HALF = 10
-# Groups of landmarks that are left out of the building in turn; it is then done on fewer samples,
-# in longer steps.
+# Number of groups of landmarks that are left out of the building in turn. Building without a group
+# uses fewer samples and longer steps.
 _N_GROUPS, _SAMPLES, _LONG_STEP = 5, 1000, 20
-# A landmark is doubtful where the others put it farther than this from its place, in sqrt(area),
-# and than so many times the median of its shape's.
+# A landmark is doubtful if the others put it farther from its place than this, in sqrt(area), and
+# farther than this many times the median of its shape.
 _DOUBTFUL, _TIMES = 0.15, 4.0
-# Landmarks are left out where that lowers what is left of the map to this share, and told to be
-# exchanged where exchanging them does so. Of creatures with 13 to 40 landmarks misplaced ones raise
-# it 1.25 to 2.1 times, exchanged ones 1.2 to 2.4; a right one of a cat, the tip of a limb that is
-# put elsewhere, 1.23. A suspect is exchanged with so many landmarks near where it is put, and with
-# at most so many others in doubt.
+# Doubtful landmarks are left out if that reduces the strain of the map below this fraction, and
+# reported as swapped if swapping them does. On creatures with 13 to 40 landmarks, misplaced ones
+# raise the strain 1.25 to 2.1 times, swapped ones 1.2 to 2.4 times; on a cat, a correct one (the
+# tip of a limb that is put elsewhere) raises it 1.23 times. A suspect is swapped with this many
+# landmarks near where it is put; at most this many doubtful ones are swapped with one another.
 _RELIEF, _RELIEF_OF_EXCHANGE = 0.75, 0.9
 _NEAREST, _MOST_PAIRED = 4, 6
-# Shapes are unlike the others beyond so many times the typical error of landmarks; landmarks are
-# far beyond this distance, in sqrt(area) (eight that are well spread leave 0.37, those on one side
-# 0.35 to 1.07), and lie in a plane below this share of their extent.
+# The user is warned of shapes whose landmark errors exceed this many times the typical one; of
+# parts of the surface farther than this from the nearest landmark, in sqrt(area) (eight well-spread
+# landmarks leave a gap of 0.37, those on one side 0.35 to 1.07); and of landmarks in one plane,
+# which are flatter than this fraction of their extent.
 _UNLIKE, _GAP, _FLAT = 3.0, 0.6, 0.02
-# How far from itself, in sqrt(area), a vertex may come back from S_0 for its pair to count.
+# Scale, in sqrt(area), of the weight of a pair by how far from itself its vertex returns from S_0,
+# and the weight below which a pair is dropped.
 _RETURNS, _NIL = 0.05, 1e-3
 
 
 class GivenPairs(NamedTuple):
-    """What known maps are built from.
+    """The data that known maps are built from.
 
     Attributes
     ----------
@@ -100,19 +103,19 @@ class GivenPairs(NamedTuple):
 
 
 class BuiltMap(NamedTuple):
-    """The pairs that the known map of a shape is made from, and what is known of those given.
+    """The pairs that the known map of a shape is fitted to, and an assessment of those given.
 
     Attributes
     ----------
     pairs : JoinedPairs
-        Between given vertices of S_i and of S_0.
+        Pairs of given vertices of S_i and of S_0.
     kind : str
         ``"pairs"`` if these are the given pairs, otherwise how they were built.
     wrong : ndarray of bool, shape (n_given,)
         Which of the given pairs were left out as wrong.
     errors : ndarray of shape (n_given,)
-        How far from its place on S_0 each landmark is put by what is built without it, in
-        sqrt(area); NaN if that was not computed.
+        Distance on S_0 between each landmark and where the map that is built without it puts it, in
+        sqrt(area); NaN if it was not computed.
     residuals : ndarray of shape (n_right, n_components)
         The same error of each correct landmark, in eigenfunctions of S_0; no rows if that was not
         computed.
@@ -133,13 +136,13 @@ class BuiltMap(NamedTuple):
 
     @property
     def error(self) -> float:
-        """Mean of ``errors`` at landmarks that are not wrong; 0 where that was not asked."""
+        """Mean of ``errors`` at landmarks that are not wrong; 0 if it was not computed."""
         known = self.errors[~self.wrong & np.isfinite(self.errors)]
         return float(known.mean()) if len(known) else 0.0
 
 
 class KnownMapsRecord(NamedTuple):
-    """What a fitted learner records about how its known maps were made (``known_maps_``).
+    """How the known maps of a fitted learner were made (its attribute ``known_maps_``).
 
     Attributes
     ----------
@@ -148,12 +151,12 @@ class KnownMapsRecord(NamedTuple):
         ``""`` for the reference and shapes that were left out.
     n_landmarks, n_pairs : ndarray of int, shape (n_shapes,)
         Number of distinct landmarks that each shape shares with the reference, and of pairs that
-        its known map is made from.
+        its known map is fitted to.
     points : ndarray of int, shape (n_points,)
         Template points of the landmarks that maps were built from.
     landmark_errors : ndarray of shape (n_shapes, n_points)
-        How far from its place on the reference each of them is put by the map that is built without
-        it, in sqrt(area); NaN where there is none.
+        Distance on the reference between each of them and where the map that is built without it
+        puts it, in sqrt(area); NaN where it was not computed.
     """
 
     kinds: list[str]
@@ -164,12 +167,12 @@ class KnownMapsRecord(NamedTuple):
 
     @property
     def mean_error(self) -> float:
-        """Mean of ``landmark_errors``; NaN where no map was built."""
+        """Mean of ``landmark_errors``; NaN if no map was built."""
         known = np.isfinite(self.landmark_errors)
         return float(self.landmark_errors[known].mean()) if known.any() else float("nan")
 
     def __str__(self) -> str:
-        """Return a line that says what was done."""
+        """Return a summary in one line."""
         used = [i for i, kind in enumerate(self.kinds) if kind]
         built = [i for i in used if self.kinds[i] != PAIRS]
         if not built:
@@ -178,17 +181,20 @@ class KnownMapsRecord(NamedTuple):
         counts = f"{fewest}" if fewest == most else f"{fewest} to {most}"
         return (
             f"known maps of {len(built)} of {len(used)} shapes built from {counts} landmarks each; "
-            f"a landmark left out when the map is built is put {self.mean_error:.3f} sqrt(area) "
+            f"a landmark that is left out of the building is put {self.mean_error:.3f} sqrt(area) "
             "from its place on average"
         )
 
 
 class KnownMaps(Part, ABC):
-    """A way to find the pairs that known maps are made from; derive from it to write your own."""
+    """Base class of methods that find the pairs known maps are fitted to.
+
+    Derive from it to write your own.
+    """
 
     @abstractmethod
     def build(self, given: GivenPairs) -> list[BuiltMap]:
-        """Return what the known map of each shape is made of.
+        """Return the pairs that the known map of each shape is fitted to.
 
         Parameters
         ----------
@@ -198,7 +204,7 @@ class KnownMaps(Part, ABC):
         Returns
         -------
         list of BuiltMap
-            In the order of the shapes.
+            One entry per shape, in their order.
 
         Raises
         ------
@@ -207,29 +213,32 @@ class KnownMaps(Part, ABC):
         """
 
     def check(self, shape: ProbedShape, reference: ProbedShape, join: JoinedPairs, k: int) -> None:
-        """Raise CorrespondenceError for a shape whose pairs are too few."""
+        """Raise CorrespondenceError if a shape has too few pairs."""
         check_landmarks(shape, reference, join, k)
 
 
 class PairsAsGiven(KnownMaps):
-    """Known maps from the given pairs: at least ``n_functions`` of them, better twice as many."""
+    """Known maps from the given pairs.
+
+    Each shape needs at least ``n_functions`` pairs; twice as many are better.
+    """
 
     def build(self, given: GivenPairs) -> list[BuiltMap]:
-        """Return the pairs."""
+        """Return the given pairs."""
         return [_as_given(join) for join in given.joins]
 
 
 class _FromFew(KnownMaps):
-    """Dense maps, built from few landmarks where these are not enough as they are."""
+    """Dense maps, built from landmarks if there are too few to be used as they are."""
 
     enough: float
 
     @abstractmethod
     def build_one(self, given: GivenPairs, i: int) -> BuiltMap:
-        """Return what the known map of the i-th shape is made of."""
+        """Return the pairs that the known map of the i-th shape is fitted to."""
 
     def build(self, given: GivenPairs) -> list[BuiltMap]:
-        """Return the pairs of each map that was built, or those given where they are enough."""
+        """Return the pairs of the map built for each shape, or its given pairs if they suffice."""
         for shape, join in zip(given.shapes, given.joins, strict=True):
             self.check(shape, given.reference, join, given.k)
         arguments = ((given, i) for i in range(len(given.shapes)))
@@ -241,22 +250,22 @@ class _FromFew(KnownMaps):
         return self.build_one(given, i)
 
     def check(self, shape: ProbedShape, reference: ProbedShape, join: JoinedPairs, k: int) -> None:
-        """Raise CorrespondenceError for a shape with fewer than 8 landmarks, and fewer than k."""
+        """Raise CorrespondenceError if a shape has fewer than 8 landmarks, and fewer than k."""
         n_distinct = distinct_landmarks(join)
         if n_distinct < min(_FEWEST, k):
             raise CorrespondenceError(
                 f"{label(shape.name, 'shape')} and {reference.name!r} share {n_distinct} distinct "
-                f"landmarks (repeated ones count once), too few for n_functions={k}, and to build "
-                f"a map from, which takes {_FEWEST}. Place more landmarks, spread over the whole "
+                f"landmarks (repeated ones count once). This is too few for n_functions={k}, and "
+                f"building a map takes {_FEWEST}. Place more landmarks, spread over the whole "
                 "surface, or leave the shape out."
             )
 
 
 class FromLandmarks(_FromFew):
-    """Known maps from a few landmarks, for shapes that bend: dense maps are built from them.
+    """Known maps from dense maps that are built from a few landmarks, for shapes that bend.
 
-    Each starts from heat around the landmarks and from unweighted probe functions, assumes an
-    isometry, and grows like those of `skfmap.refinement.BijectiveZoomOut`, constrained by the
+    The first map is fitted to heat around the landmarks and to unweighted probe functions, assuming
+    an isometry. It then grows as in `skfmap.refinement.BijectiveZoomOut`, constrained by the
     landmarks.
 
     Parameters
@@ -264,7 +273,7 @@ class FromLandmarks(_FromFew):
     n_samples : int, default=2000
         Number of vertices of each shape that are matched while maps grow.
     final_steps : int, default=2
-        Steps in which all vertices are matched.
+        Number of final steps, in which all vertices are matched.
     enough : float, default=2.0
         If a shape shares at least this many distinct pairs per function with the reference, they
         are used as they are.
@@ -292,12 +301,12 @@ class FromLandmarks(_FromFew):
         check_number(self.enough, "enough", low=0)
 
     def build_one(self, given: GivenPairs, i: int) -> BuiltMap:
-        """Return the pairs of a map that was built in functions."""
+        """Return the pairs of the map that is built for the i-th shape."""
         return _build(self, given, i)
 
 
 class InSpace(_FromFew):
-    """Known maps from a few landmarks, for rigid shapes, which are better matched in space.
+    """Known maps from a few landmarks for rigid shapes, which are better matched in space.
 
     The reference is moved by the similarity that fits the landmarks, and then deformed as little
     as possible until it meets the landmarks and the closest points of the surface. Landmarks are
@@ -306,7 +315,7 @@ class InSpace(_FromFew):
     Parameters
     ----------
     enough : float, default=2.0
-        As of `FromLandmarks`.
+        As in `FromLandmarks`.
 
     Examples
     --------
@@ -324,19 +333,20 @@ class InSpace(_FromFew):
         check_number(self.enough, "enough", low=0)
 
     def build_one(self, given: GivenPairs, i: int) -> BuiltMap:
-        """Return the pairs of a map that was built in space."""
+        """Return the pairs of the map that is built in space for the i-th shape."""
         return _laid(given, i)
 
 
 class AutoKnownMaps(FromLandmarks):
-    """The given pairs where they are enough, otherwise maps that are built from the landmarks.
+    """Known maps from the given pairs if they suffice, otherwise built from the landmarks.
 
-    Maps are built in space if a similarity explains the landmarks, and in functions otherwise. The
-    learner's ``known_maps_`` says what was done. Parameters are those of `FromLandmarks`.
+    Maps are built in space (`InSpace`) if a similarity explains the landmarks, and otherwise in the
+    eigenbasis (`FromLandmarks`). The attribute ``known_maps_`` of the learner records the choice.
+    Parameters are those of `FromLandmarks`.
     """
 
     def build(self, given: GivenPairs) -> list[BuiltMap]:
-        """Return what `kind_of` chooses."""
+        """Return the pairs of the method that `kind_of` chooses."""
         kind = kind_of(given, self.enough)
         if kind == IN_SPACE:
             return InSpace(enough=self.enough).build(given)
@@ -349,14 +359,15 @@ KNOWN_MAPS: dict[str, type[KnownMaps]] = {
     FROM_LANDMARKS: FromLandmarks,
     IN_SPACE: InSpace,
 }
-"""What the learner's words stand for."""
+"""The parts that the words of the learner's parameter ``known_maps`` stand for."""
 
 
 def kind_of(given: GivenPairs, enough: float = _ENOUGH) -> str:
-    """Return how known maps of a collection are found: the word of a part.
+    """Return the method that finds the known maps of a collection, as a key of `KNOWN_MAPS`.
 
-    ``"pairs"`` where all shapes share enough distinct pairs with the reference, else ``"in-space"``
-    where a similarity explains the landmarks of most.
+    It is ``"pairs"`` if all shapes share enough distinct pairs with the reference. Otherwise it is
+    ``"in-space"`` if a similarity explains the landmarks of most shapes, and ``"from-landmarks"``
+    if not.
     """
     if all(distinct_landmarks(join) >= enough * given.k for join in given.joins):
         return PAIRS
@@ -364,7 +375,7 @@ def kind_of(given: GivenPairs, enough: float = _ENOUGH) -> str:
 
 
 def _are_stiff(given: GivenPairs) -> bool:
-    # Of mirrored specimens, or where the reference is one, a reflection leaves as little.
+    # The smaller residual: specimens, or the reference, may be mirrored.
     left = [
         min(
             left_by_similarities(
@@ -399,22 +410,22 @@ def record_of(
 def told_of(
     given: GivenPairs, built: Sequence[BuiltMap], called: Sequence[str], names: Sequence[str] | None
 ) -> list[str]:
-    """Return what a person should know of maps that were built.
+    """Return messages about built maps that the user should read.
 
     Parameters
     ----------
     given, built : GivenPairs, sequence of BuiltMap
-        What they were built from, and what came of it.
+        The data that the maps were built from, and the results.
     called : sequence of str
-        What messages call the shapes.
+        Names of the shapes in messages.
     names : sequence of str or None
-        Of the template points; their numbers where there are none.
+        Names of the template points; if None, messages give their indices.
 
     Returns
     -------
     list of str
-        Of landmarks that are exchanged, out of place, far from parts of the surface or in one
-        plane, and of shapes unlike the others; empty where nothing is to be said.
+        Messages about landmarks that are swapped, out of place, far from parts of the surface or in
+        one plane, and about shapes that are unlike the others; empty if there is nothing to report.
     """
     rows = [i for i, one in enumerate(built) if one.kind != PAIRS]
     if not rows:
@@ -437,7 +448,7 @@ _Parts = Sequence[tuple[str, JoinedPairs, BuiltMap]]
 
 
 def is_on_most(n_wrong: Any, n_given: Any) -> Any:
-    """Return whether a slip is on so many shapes that it must be the reference's."""
+    """Return whether a mistake is on so many shapes that it must be on the reference."""
     return (n_wrong > 1) & (2 * n_wrong > n_given)
 
 
@@ -451,7 +462,7 @@ def _exchanged_message(parts: _Parts, names: Sequence[str] | None) -> str:
         len(parts),
     )
     return (
-        f"These landmarks seem to be swapped, as the others put each at the other's place: "
+        f"These landmarks seem to be swapped, because the others put each at the other's place: "
         f"{told}. They were left out; swap them back, or check the specimen."
         if told
         else ""
@@ -477,7 +488,7 @@ def _out_of_place_message(parts: _Parts, names: Sequence[str] | None) -> str:
 
 
 def _of_whom(found: Sequence[tuple[str, str, str]], n_shapes: int) -> str:
-    """Return which landmarks of which shapes; what is found on most is the reference's."""
+    """Return landmarks with their shapes; those found on most shapes belong to the reference."""
     counts = Counter(what for what, _, _ in found)
     on_most = [what for what, n in counts.items() if is_on_most(n, n_shapes)]
     told = [f"{what} of the reference" for what in on_most]
@@ -494,10 +505,10 @@ def _unlike_message(parts: _Parts) -> str:
         if len(parts) > 2 and typical[i] > max(_DOUBTFUL, _UNLIKE * np.median(typical))
     ]
     return (
-        "Landmarks that are left out when the map is built are put this many sqrt(area) from their "
-        f"places on these shapes: {', '.join(told)}; {np.median(typical):.2f} is typical of all. "
-        "Check their landmarks, or leave these shapes out: they are unlike the reference, or the "
-        "landmarks are those of another specimen."
+        "On these shapes, maps that are built without a landmark put it this many sqrt(area) from "
+        f"its place: {', '.join(told)}; the typical value is {np.median(typical):.2f}. Check their "
+        "landmarks, or leave these shapes out: they are unlike the reference, or the landmarks "
+        "belong to another specimen."
         if told
         else ""
     )
@@ -506,9 +517,9 @@ def _unlike_message(parts: _Parts) -> str:
 def _far_message(parts: _Parts) -> str:
     gap = max(one.gap for _, _, one in parts)
     return (
-        f"Parts of the reference lie {gap:.1f} sqrt(area) from the nearest landmark; known maps "
-        "are guesses there, and errors at landmarks do not tell how good. Place landmarks on all "
-        "sides."
+        f"Parts of the reference are {gap:.1f} sqrt(area) from the nearest landmark. Known maps "
+        "are guesses there, and errors at landmarks do not show how good they are. Place landmarks "
+        "on all sides."
         if gap > _GAP
         else ""
     )
@@ -524,8 +535,8 @@ def _plane_message(given: GivenPairs, rows: Sequence[int]) -> str:
         if spread[-1] > _FLAT * spread[0]:
             return ""
     return (
-        "All landmarks of the reference lie in one plane, so that nothing but oriented probes "
-        "tells one side of it from the other. Place some beside the plane."
+        "All landmarks of the reference lie in one plane, so only oriented probes can tell one "
+        "side of it from the other. Place some landmarks outside the plane."
     )
 
 
@@ -546,7 +557,7 @@ def _laid(given: GivenPairs, i: int) -> BuiltMap:
     points = spectral.vertices_at(join.vertices_i, join.places_i)
     vertices, faces = spectral.vertices, spectral.mesh.faces
     left = left_by_similarities(points, at_0, join.weights)
-    if side_of(*left) == -1:  # a mirrored specimen; its image is laid on
+    if side_of(*left) == -1:  # a mirrored specimen; its mirror image is used
         points, vertices, faces = points * MIRROR, vertices * MIRROR, faces[:, ::-1]
     task = _InSpace(spectral_0, vertices, faces, places_0, points)
     key = hash_of_arrays(
@@ -586,7 +597,7 @@ def _built_in_space(task: _InSpace, content_hash: str) -> LandmarkBuild:  # noqa
 
 
 class _Side(NamedTuple):
-    """What the building asks of a shape."""
+    """The data of a shape that maps are built from."""
 
     vertices: FloatArray
     faces: IntArray
@@ -597,7 +608,7 @@ class _Side(NamedTuple):
     at: FloatArray  # eigenfunctions at the landmarks
 
     def samples(self, n_samples: int) -> "_Side":
-        """Return well-spread vertices with the areas that they stand for."""
+        """Return the side with well-spread vertices only, and the areas that they represent."""
         if n_samples >= len(self.mass):
             return self
         rows = np.sort(farthest_points(self.vertices, n_samples))
@@ -605,12 +616,12 @@ class _Side(NamedTuple):
         return self._replace(vertices=self.vertices[rows], mass=areas, evecs=self.evecs[rows])
 
     def cut(self, n_functions: int) -> "_Side":
-        """Return the side with fewer eigenfunctions."""
+        """Return the side with the first eigenfunctions only."""
         n = n_functions
         return self._replace(evals=self.evals[:n], evecs=self.evecs[:, :n], at=self.at[:, :n])
 
     def only(self, landmarks: IntArray | BoolArray) -> "_Side":
-        """Return the side with some of its landmarks."""
+        """Return the side with some of its landmarks only."""
         return self._replace(at=self.at[landmarks])
 
 
@@ -628,7 +639,7 @@ class _Found(NamedTuple):
     wrong: BoolArray
     errors: FloatArray
     residuals: FloatArray
-    exchanged: list[tuple[int, int]]  # by their rows
+    exchanged: list[tuple[int, int]]  # rows of the landmarks
     gap: float
 
 
@@ -660,7 +671,7 @@ def _side(shape: ProbedShape, at: FloatArray, n: int) -> _Side:
 
 
 def _built_from(task: _Task, content_hash: str) -> _Found:  # noqa: ARG001
-    """Build the dense map, without the landmarks that the others contradict."""
+    """Build the dense map without landmarks that contradict the others."""
     places = _distances_between(task)
     told, wrong, exchanged = _without_wrong(task, places)
     whole = task.side_i.only(~wrong), task.side_0.only(~wrong)
@@ -676,17 +687,17 @@ def _built_from(task: _Task, content_hash: str) -> _Found:  # noqa: ARG001
 def _without_wrong(
     task: _Task, places: FloatArray
 ) -> tuple["_Told", BoolArray, list[tuple[int, int]]]:
-    """Return what landmarks say of each other, which are wrong, and which of these are exchanged.
+    """Return where landmarks are put by the others, which are wrong, and which are swapped.
 
-    Landmarks are wrong where the others put them elsewhere, and the map without them is clearly
-    less strained: the tip of a leg that is left out is put onto another leg, but belongs where it
-    was.
+    A landmark is wrong if the others put it elsewhere, and the map without it has clearly less
+    strain. The second condition is needed because the correct tip of a leg, when left out, may be
+    put onto another leg.
     """
     wrong, exchanged = np.zeros(len(places), dtype=bool), []
     told = _left_out(task, ~wrong)
     suspects = _doubtful(_errors(places, told))
     while suspects.any() and (~(suspects | wrong)).sum() >= _FEWEST // 2:
-        # What the landmarks beyond doubt say: others were in doubt because of wrong ones.
+        # Judge again by the trusted landmarks only: wrong ones cast doubt on correct ones.
         again = _left_out(task, ~(suspects | wrong))
         strain = _strain(task, ~wrong)
         pair = _exchanged(task, places, suspects, (told, again), wrong, strain)
@@ -711,10 +722,10 @@ def _exchanged(
     wrong: BoolArray,
     strain: float,
 ) -> tuple[int, int] | None:
-    """Return the two landmarks whose exchange relieves the map most, if it does so clearly.
+    """Return the two landmarks whose swap reduces the strain of the map most, if it does clearly.
 
-    Each suspect is exchanged with those near which it is put, and those still in doubt with one
-    another.
+    Each suspect is swapped with the landmarks near where it is put, and those that are still
+    doubtful are swapped with one another.
     """
     tried = {
         (min(a, b), max(a, b))
@@ -736,7 +747,7 @@ def _exchanged(
 
 
 def _grown(sides: tuple[_Side, _Side], step: int) -> FloatArray:
-    """Return the functional map in all functions held, grown from the landmarks."""
+    """Return the functional map in all functions of the basis, grown from the landmarks."""
     most = min(side.evecs.shape[1] for side in sides)
     first = min(_FIRST, most)
     start = map_from_landmarks(
@@ -752,9 +763,10 @@ def _grown(sides: tuple[_Side, _Side], step: int) -> FloatArray:
 
 
 def _strain(task: _Task, right: BoolArray) -> float:
-    """Return the mean squared distance of points of both shapes from their matches.
+    """Return the mean squared distance between points of both shapes and their matches.
 
-    In the functions that points are matched in, under the map that some landmarks make.
+    Distances are measured in the embedding, under the map that is built from the landmarks in
+    ``right``.
     """
     n_samples = min(task.n_samples, _SAMPLES)
     i, o = (side.only(right).samples(n_samples) for side in (task.side_i, task.side_0))
@@ -787,14 +799,14 @@ def _trust(side_0: _Side, k: int) -> FloatArray:
 
 
 class _Told(NamedTuple):
-    """Where landmarks are put by those of other groups: vertices of S_0, and what is missed."""
+    """Where the landmarks of other groups put each landmark: vertices of S_0, and residuals."""
 
     put: IntArray
     residuals: FloatArray
 
 
 def _left_out(task: _Task, right: BoolArray) -> _Told:
-    """Return what the right landmarks that are not of its own group say of each."""
+    """Return where each landmark is put by the correct landmarks of other groups."""
     side_i, side_0 = task.side_i, task.side_0
     few_i, few_0 = (side.samples(min(task.n_samples, _SAMPLES)) for side in (side_i, side_0))
     put, residuals = np.empty(len(right), dtype=np.int64), np.empty_like(side_i.at)
@@ -811,7 +823,7 @@ def _left_out(task: _Task, right: BoolArray) -> _Told:
 def _groups(task: _Task) -> list[IntArray]:
     """Return well-spread groups of landmarks to leave out together.
 
-    Those at one place are of one group.
+    Landmarks at the same place are in the same group.
     """
     vertices, place = np.unique(task.landmarks_0, return_inverse=True)
     rank = np.empty(len(vertices), dtype=np.int64)
@@ -822,7 +834,7 @@ def _groups(task: _Task) -> list[IntArray]:
 
 
 def _distances_between(task: _Task) -> FloatArray:
-    """Return distances from each landmark of S_0 to all its vertices, in sqrt(area)."""
+    """Return the distances from each landmark of S_0 to all vertices of S_0, in sqrt(area)."""
     vertices, inverse = np.unique(task.landmarks_0, return_inverse=True)
     return heat_distances(task.side_0.vertices, task.side_0.faces, vertices)[inverse.ravel()]
 
@@ -838,7 +850,7 @@ def _doubtful(errors: FloatArray) -> BoolArray:
 def _dense(
     spectral: SpectralShape, spectral_0: SpectralShape, p2p: IntArray, inverse: IntArray
 ) -> JoinedPairs:
-    """Return a pair for each working vertex, of the given vertices nearest to both."""
+    """Return a pair of given vertices for each working vertex that returns near itself."""
     vertices_i, vertices_0 = spectral.given_vertices(), spectral_0.given_vertices()[p2p]
     back = spectral.vertices[inverse[p2p]] - spectral.vertices
     trust = np.exp(-np.square(np.linalg.norm(back, axis=1) / _RETURNS))

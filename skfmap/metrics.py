@@ -1,6 +1,6 @@
-"""How good a match is, and scorers for searches.
+"""Measures of match quality, and scorers for searches.
 
-Geodesic errors, equation (5), singular values, coverage, continuity.
+The measures are geodesic errors, equation (5), singular values, coverage and continuity.
 
 All lengths are in units of sqrt(area) of the reference. There are three kinds of errors:
 ``"direct"`` accepts no symmetric answer; ``"consistent"`` takes the better of the direct and the
@@ -77,7 +77,7 @@ _SCORERS: dict[str, ErrorKind] = {
 
 @dataclass(frozen=True)
 class _GeodesicScorer:
-    """A scorer: minus the mean error of one kind, over the shapes."""
+    """Scorer: minus the mean geodesic error of one kind, over the shapes."""
 
     kind: ErrorKind
     reference_y: Answer | None = None
@@ -99,7 +99,7 @@ class _GeodesicScorer:
 
 @dataclass(frozen=True)
 class _LandmarkScorer:
-    """A scorer: minus the mean distance of predicted landmarks from measured ones."""
+    """Scorer: minus the mean distance between predicted and measured landmarks."""
 
     def __call__(
         self,
@@ -110,7 +110,7 @@ class _LandmarkScorer:
     ) -> float:
         """Return the score of a fitted learner, Pipeline or search on shapes ``X``, in mesh units.
 
-        Shapes without a measured point that was learned do not count.
+        Shapes without a measured landmark that was learned do not count.
         """
         found = predict_landmarks(estimator, X)
         if len(found) != len(y):
@@ -121,14 +121,15 @@ class _LandmarkScorer:
 
 
 def _check_names(found: Sequence[Landmarks], y: Sequence[object]) -> None:
-    """Raise where no shape was measured at a landmark that was learned."""
+    """Raise if no landmark of the shapes was learned."""
     measured = [one.landmarks for one in y if isinstance(one, Correspondence)]
     given = dict.fromkeys(name for one in measured if one is not None for name in one.names)
     learned = found[0].names if found else ()
     if given and not set(given) & set(learned):
         raise CorrespondenceError(
-            f"No landmark of y was learned: {', '.join(given)} against {', '.join(learned)}. "
-            "Landmarks correspond by their names, or by their numbers in training and here."
+            f"No landmark of y was learned: y has {', '.join(given)}, the model has "
+            f"{', '.join(learned)}. Landmarks correspond by name, or by number if they have no "
+            "names."
         )
 
 
@@ -136,7 +137,7 @@ def _mean_distance(found: Landmarks, truth: object) -> float:
     measured = truth.landmarks if isinstance(truth, Correspondence) else None
     if measured is None:
         raise CorrespondenceError(
-            "neg_landmark_error compares with measured points; give y as "
+            "neg_landmark_error needs measured points; give y as "
             "Correspondence.from_points(points, mesh, names)."
         )
     common = [name for name in measured.names if name in found.names]
@@ -148,7 +149,7 @@ _LANDMARK_ERROR = "neg_landmark_error"
 
 
 def get_scorer_names() -> list[str]:
-    """Return the names that `get_scorer` takes."""
+    """Return the names that `get_scorer` accepts."""
     return sorted([*_SCORERS, _LANDMARK_ERROR])
 
 
@@ -159,14 +160,15 @@ def get_scorer(name: str, reference_y: Answer | None = None) -> Callable[..., fl
     ----------
     name : str
         ``"neg_geodesic_error"`` accepts no symmetric answer. ``"neg_consistent_geodesic_error"``
-        takes the better side once for the map, ``"neg_per_vertex_geodesic_error"`` at each pair;
-        both need the symmetric answer in the reference's correspondence. With the paper's symmetric
-        probes a direct score is a coin toss between sides: use the consistent one.
-        ``"neg_landmark_error"`` is the distance of predicted landmarks from measured ones, in the
-        units of the meshes; ``y`` then holds correspondences from `Correspondence.from_points`.
+        takes the better of the direct and the symmetric answer once for the map,
+        ``"neg_per_vertex_geodesic_error"`` takes it at each pair; both need the symmetric answer in
+        the reference's correspondence. With the paper's symmetric probes a direct score is a coin
+        toss between left and right, so use the consistent one. ``"neg_landmark_error"`` is the
+        distance between predicted and measured landmarks, in the units of the meshes; ``y`` then
+        holds correspondences from `Correspondence.from_points`.
     reference_y : Correspondence or int array, optional
-        Where the reference lies at the template points that are scored, if these were not given to
-        ``fit``: with sparse landmarks, fit on half of them and score on the other half.
+        Correspondence of the reference at the template points that are scored, if these were not
+        given to ``fit``. With sparse landmarks, fit on half of them and score on the other half.
 
     Returns
     -------
@@ -182,14 +184,14 @@ def get_scorer(name: str, reference_y: Answer | None = None) -> Callable[..., fl
     check_choice(name, "name", get_scorer_names())
     if name == _LANDMARK_ERROR:
         if reference_y is not None:
-            raise ValueError(f"{_LANDMARK_ERROR} takes no reference_y.")
+            raise ValueError(f"{_LANDMARK_ERROR} does not take reference_y; leave it out.")
         return _LandmarkScorer()
     return _GeodesicScorer(_SCORERS[name], reference_y)
 
 
 @dataclass(frozen=True)
 class _MultiScorer:
-    """Several scores of one matching."""
+    """Scorer that returns several scores of the same matches."""
 
     names: tuple[str, ...]
     reference_y: Answer | None = None
@@ -215,15 +217,16 @@ class _MultiScorer:
 
 
 def multi_scorer(*names: str, reference_y: Answer | None = None) -> Callable[..., dict[str, float]]:
-    """Return one scorer for several scores, which matches the shapes once for all of them.
+    """Return one scorer for several scores, which matches the shapes only once.
 
-    scikit-learn's ``scoring=[...]`` would match them once for each. In a search, name the score
-    that chooses: ``GridSearchCV(..., scoring=multi_scorer(...), refit="neg_geodesic_error")``.
+    scikit-learn's ``scoring=[...]`` would match them once for each score. In a search, ``refit``
+    names the score that decides:
+    ``GridSearchCV(..., scoring=multi_scorer(...), refit="neg_geodesic_error")``.
 
     Parameters
     ----------
     *names : str
-        Those of `get_scorer`.
+        Names of scores, as in `get_scorer`.
     reference_y : Correspondence or int array, optional
         As in `get_scorer`, for geodesic errors.
 
@@ -235,7 +238,7 @@ def multi_scorer(*names: str, reference_y: Answer | None = None) -> Callable[...
     Raises
     ------
     ValueError
-        If there is no name, one twice, or another.
+        If no name is given, or a name is repeated or unknown.
 
     Examples
     --------
@@ -246,11 +249,11 @@ def multi_scorer(*names: str, reference_y: Answer | None = None) -> Callable[...
     """
     if not names or len(set(names)) < len(names):
         raise ValueError(
-            f"multi_scorer takes names of scores, each once: {', '.join(get_scorer_names())}; got "
-            f"{names!r}."
+            f"multi_scorer takes distinct names of scores, out of {', '.join(get_scorer_names())}; "
+            f"got {names!r}."
         )
     for name in names:
         check_choice(name, "name", get_scorer_names())
     if reference_y is not None and not set(names) & set(_SCORERS):
-        raise ValueError(f"{_LANDMARK_ERROR} takes no reference_y.")
+        raise ValueError(f"{_LANDMARK_ERROR} does not take reference_y; leave it out.")
     return _MultiScorer(names, reference_y)

@@ -1,4 +1,4 @@
-"""Cross-validation with one reference."""
+"""Cross-validation with the same reference in all folds."""
 
 from collections.abc import Iterator, Sequence
 from typing import Any
@@ -14,26 +14,27 @@ __all__ = ["PinnedReference"]
 
 
 class PinnedReference(BaseCrossValidator):
-    """Split all samples but the first, and open every training fold with the first.
+    """Cross-validator that splits all samples but the first, which starts every training fold.
 
-    A plain splitter, ``cv=5`` for one, tests the first sample as well: there another one becomes
-    the reference, without a word, and maps and scores of the folds do not compare, as functional
-    maps do on one reference only. No estimator can tell from inside of a fold.
+    A plain splitter such as ``cv=5`` also puts the first sample into a test fold. In that fold
+    another sample silently becomes the reference, and its maps and scores cannot be compared with
+    those of other folds, because functional maps are comparable on one reference only. An estimator
+    cannot detect this from inside a fold.
 
     Shapes that were skipped before (`skfmap.shapes.SkippedShape`) are in no fold.
-    ``PinnedReference(LeaveOneOut())`` is the paper's protocol. To hold shapes out by
-    `sklearn.model_selection.train_test_split`, split ``X[1:]``, and put ``X[0]`` in front of the
+    ``PinnedReference(LeaveOneOut())`` is the paper's protocol. To hold out shapes with
+    `sklearn.model_selection.train_test_split`, split ``X[1:]`` and put ``X[0]`` in front of the
     training part.
 
     Parameters
     ----------
     cv : int, cross-validation generator or iterable, default=5
-        What `sklearn.model_selection.check_cv` takes; it splits ``X[1:]``.
+        Any value that `sklearn.model_selection.check_cv` accepts; it splits ``X[1:]``.
     predict_all : bool, default=False
-        Whether each sample is in one test fold, as `sklearn.model_selection.cross_val_predict`
-        asks for: the reference too, and shapes that were skipped. They join the first test fold;
-        the reference is in its training fold all the same, and its answer is that of a shape that
-        was learned from. Scores would count it: use it for predictions only.
+        Whether each sample is in exactly one test fold, including the reference and skipped shapes,
+        as `sklearn.model_selection.cross_val_predict` requires. These join the first test fold. The
+        reference stays in the training fold, so its prediction is that of a training shape. Use
+        this option for predictions only, because scores would include the reference.
 
     Examples
     --------
@@ -45,7 +46,7 @@ class PinnedReference(BaseCrossValidator):
     [0, 1, 3] [2]
     [0, 1, 2] [3]
 
-    All maps to one reference, each made without the shape that it is of:
+    For `sklearn.model_selection.cross_val_predict`, with maps that all refer to one reference:
 
     >>> for train, test in PinnedReference(LeaveOneOut(), predict_all=True).split(list("rabc")):
     ...     print(train.tolist(), test.tolist())
@@ -70,9 +71,9 @@ class PinnedReference(BaseCrossValidator):
         X : sequence
             The samples, the reference first.
         y : sequence, optional
-            The correspondences; carried along for stratified and grouped splitters.
+            The correspondences; passed on to ``cv``.
         groups : array-like, optional
-            Group of each sample, the reference's included.
+            Group of each sample, including the reference.
 
         Yields
         ------
@@ -81,7 +82,7 @@ class PinnedReference(BaseCrossValidator):
         """
         samples, answers = _samples(X), None if y is None else list(y)
         rest = self._indices(samples)
-        # What is in no test fold of the inner splitter.
+        # Samples that are in no test fold of the inner splitter.
         also = np.setdiff1d(np.arange(len(samples)), rest) if self.predict_all else rest[:0]
         inner_y = None if answers is None else [answers[i] for i in rest.tolist()]
         inner_groups = None if groups is None else np.asarray(groups)[rest]
@@ -105,21 +106,18 @@ class PinnedReference(BaseCrossValidator):
         return f"PinnedReference(cv={self.cv!r}{', predict_all=True' if self.predict_all else ''})"
 
     def _inner(self) -> Any:
-        if hasattr(self.cv, "__next__"):  # a generator of splits would be used up by the first call
+        if hasattr(self.cv, "__next__"):  # the first call would exhaust a generator of splits
             self.cv = list(self.cv)
         return check_cv(self.cv)
 
     @staticmethod
     def _indices(X: Sequence[Any]) -> IntArray:
-        """Return the indices of the samples that are split.
-
-        Neither the first nor those that were skipped.
-        """
+        """Return the indices of the samples to split: all but the first and skipped ones."""
         rest = [i for i in range(1, len(X)) if not isinstance(X[i], SkippedShape)]
         if len(rest) < 2:
             raise ValueError(
                 "PinnedReference needs the reference and at least two more shapes, one to train "
-                f"on and one to test; got {len(rest) + min(1, len(X))}."
+                f"on and one to test; got {len(rest) + min(1, len(X))} shapes."
             )
         return np.array(rest)
 

@@ -1,6 +1,6 @@
-"""Models in files, by skops, which looks at a file before anything in it runs.
+"""Saving and loading of models with skops, which inspects a file before it creates any object.
 
-This module says what such a file may hold.
+This module lists the types that a file may contain.
 """
 
 import copy
@@ -82,7 +82,7 @@ TRUSTED_TYPES = (
     "skfmap.shapes.prolongation.Prolongation",
     "skfmap.shapes.spectral_shape.SpectralShape",
     "skfmap.shapes.surface_places.SurfacePlaces",
-    # As files of 0.1.0 name them (skfmap.learner.legacy).
+    # Names in files of 0.1.0 (skfmap.learner.legacy).
     "skfmap._bridge.Across",
     "skfmap._confidence.ErrorModel",
     "skfmap._matching.Settings",
@@ -101,7 +101,7 @@ TRUSTED_TYPES = (
         for name in ("Correspondence", "Mesh", "ProbedShape", "SpectralShape")
     ),
 )
-"""What a model is made of beside numbers, texts, containers, arrays and a scikit-learn pipeline."""
+"""Types of a model other than numbers, strings, containers, arrays and scikit-learn's Pipeline."""
 
 _PLAIN_TYPES = {
     *(f"builtins.{name}" for name in ("bool", "dict", "float", "int", "list", "str", "tuple")),
@@ -111,8 +111,8 @@ _PLAIN_TYPES = {
     ),
     "sklearn.pipeline.Pipeline",
 }
-# The ways of skops to make an object from a file. Those that call a function that the file names
-# are not among them.
+# The loaders of skops that may create objects from a file. Loaders that call a function named in
+# the file are not allowed.
 _PLAIN_LOADERS = {
     *(
         "CachedNode",
@@ -125,41 +125,41 @@ _PLAIN_LOADERS = {
     ),
     *("ObjectNode", "SparseMatrixNode", "TupleNode", "TypeNode"),
 }
-# Types that are made in one way only: by their own constructor, which checks what it is given.
+# Types that only their own constructor may create, because it checks its arguments.
 _LOADERS_OF = {
     name: {"CachedNode", "ConstructorFromReduceNode"}
     for name in ("skfmap.shapes.mesh.Mesh", "skfmap.shapes.Mesh")
 }
-# Arrays of objects are names of probe functions.
+# Object arrays contain only names of probe functions.
 _TEXT_LOADERS = {"CachedNode", "JsonNode", "ListNode", "TupleNode", "TypeNode"}
 
 
 def save_model(model: Any, path: str | Path) -> None:
-    """Write a fitted learner or pipeline to a file that `load_model` reads.
+    """Write a fitted learner or pipeline to a file that `load_model` can read.
 
-    Caches (``memory``) belong to this machine and are left out.
+    Caches (``memory``) belong to this machine and are not saved.
 
     Parameters
     ----------
     model : WeightedFunctionalMapLearner, Pipeline or transformer
-        The model. Of a search, save ``best_estimator_``.
+        The model. For a search, save ``best_estimator_``.
     path : str or Path
-        File to write; ``.skops`` is the custom. A model that is there is replaced, as
-        `joblib.dump` does, but only when the new one is whole: what stops the writing leaves the
-        old one as it was.
+        File to write, by convention with the suffix ``.skops``. An existing file is replaced, but
+        only after the new one has been written completely; if writing fails, the old file is
+        unchanged.
 
     Raises
     ------
     ImportError
         If skops is not installed.
     TypeError
-        If it is no estimator.
+        If ``model`` is not an estimator.
     FileNotFoundError
-        If there is no such folder.
+        If the folder does not exist.
     """
     skops = _skops()
     if not hasattr(model, "get_params"):
-        raise TypeError(f"A learner, a pipeline or a transformer is saved; got {model!r}.")
+        raise TypeError(f"model must be a learner, a pipeline or a transformer; got {model!r}.")
     check_folder(path)
     model = copy.deepcopy(model)
     _set_memory(model, None)
@@ -172,40 +172,39 @@ def save_model(model: Any, path: str | Path) -> None:
 def load_model(path: str | Path, *, trusted: Sequence[str] = (), memory: Any = None) -> Any:
     """Read a model that `save_model` wrote.
 
-    A file with anything but models in it is refused before it is loaded.
-
-    ``pickle`` and ``joblib.load`` run whatever code a file names; here only objects of known types
-    are made, nothing is called that the file names, and no other file is read: where the file names
-    a cache (``memory``), which is read with pickle, that is ignored.
+    A file that contains anything other than a model is rejected before it is loaded. ``pickle`` and
+    ``joblib.load`` run any code that a file names. This function creates only objects of known
+    types, calls no function that the file names, and reads no other file: a cache (``memory``)
+    named in the file is ignored, because caches are read with pickle.
 
     Parameters
     ----------
     path : str or Path
         The file.
     trusted : sequence of str
-        Further types and functions that may be made, by their full name: your own probe families
-        and functions, or other estimators of scikit-learn.
+        Full names of further types and functions to accept, such as your own probe families and
+        functions, or other estimators of scikit-learn.
     memory : None, str, Path or joblib.Memory
         Cache for all steps of the model.
 
     Returns
     -------
     object
-        The model, with bit by bit the same predictions.
+        The model; its predictions are identical, bit by bit.
 
     Raises
     ------
     ImportError
         If skops is not installed.
     FileNotFoundError
-        If there is no such file.
+        If the file does not exist.
     TypeError
-        If the file holds types that are not trusted; the message names them.
+        If the file contains types that are not trusted; the message names them.
     OutdatedModelError
-        If an earlier release saved a model of a kind that must be fitted again.
+        If an earlier release saved a kind of model that must be fitted again.
     ValueError
-        If it is not a file of `save_model`, is damaged, or is compressed, so that a small file
-        could fill the memory; or if parts of the model do not fit each other.
+        If the file was not written by `save_model`, is damaged, or is compressed (a small file
+        could then fill the memory), or if the parts of the model are inconsistent.
 
     Warns
     -----
@@ -224,15 +223,15 @@ def load_model(path: str | Path, *, trusted: Sequence[str] = (), memory: Any = N
     """
     skops, path = _skops(), Path(path)
     if isinstance(trusted, str):
-        raise TypeError(f"trusted must be a list of full names: [{trusted!r}].")
+        raise TypeError(f"trusted must be a list of full names, such as [{trusted!r}].")
     if not path.is_file():
         raise FileNotFoundError(f"There is no model file {path}.")
     content, allowed = path.read_bytes(), {*TRUSTED_TYPES, *trusted}
     try:
         strange = _strange_types(_schema(content), allowed, set(trusted))
-        # Two lists that agree: ours, of what a model is made of, and that of skops, of what is
-        # dangerous. Ours comes first: some loaders of some versions of skops import what a file
-        # names to find out what it is.
+        # Both checks must pass: ours, of the types that a model has, and that of skops, of types
+        # that are dangerous. Ours comes first, because some versions of skops import what a file
+        # names in order to inspect it.
         strange = strange or set(skops.get_untrusted_types(data=content)) - allowed
         model = None if strange else skops.loads(content, trusted=sorted(allowed))
         _check_parts(model)
@@ -240,36 +239,36 @@ def load_model(path: str | Path, *, trusted: Sequence[str] = (), memory: Any = N
         raise
     except Exception as error:
         raise ValueError(
-            f"{path} is not a sound file of save_model: {type(error).__name__}: {error}. Was it "
-            "written by joblib or pickle, which load_model does not read, or cut short on its way?"
+            f"{path} is not a valid file of save_model: {type(error).__name__}: {error}. Was it "
+            "written by joblib or pickle, which load_model does not read, or truncated in transfer?"
         ) from error
     if strange:
         raise TypeError(
-            f"{path} holds types that are not part of a model of skfmap: "
-            f"{', '.join(sorted(strange))}. If you know all of them and trust whoever made the "
-            "file, load it with trusted=[...] naming them."
+            f"{path} contains types that are not part of a skfmap model: "
+            f"{', '.join(sorted(strange))}. If you know all of them and trust the author of the "
+            "file, list them in load_model(..., trusted=[...])."
         )
     _set_memory(model, memory)
     return model
 
 
 def _schema(content: bytes) -> Any:
-    """Return the tree of what a file holds, before anything is made of it."""
+    """Return the tree of the objects in a file, before any of them is created."""
     with ZipFile(io.BytesIO(content)) as archive:
         members = archive.infolist()
         if any(member.compress_type != ZIP_STORED for member in members):
-            raise ValueError("it is compressed, as save_model never writes it")
+            raise ValueError("it is compressed, but save_model never compresses")
         if sum(member.file_size for member in members) > len(content):
-            raise ValueError("it says that it holds more than it does")
+            raise ValueError("it declares more data than it contains")
         schema = json.loads(archive.read("schema.json"))
     files = [str(node["file"]) for node in _nodes(schema) if "file" in node]
     if len(set(files)) < len(files):
-        raise ValueError("it reads one array several times, as save_model never writes it")
+        raise ValueError("it uses one array several times, which save_model never does")
     return schema
 
 
 def _strange_types(schema: Any, allowed: set[str], trusted: set[str]) -> set[str]:
-    """Return the full names of types that no model has, or that none is made with."""
+    """Return the full names of types or loaders that are not part of a model."""
     strange = set()
     for node in _nodes(schema):
         name = _full_name(node)
@@ -293,7 +292,7 @@ def _full_name(node: dict[str, Any]) -> str:
 
 
 def _nodes(schema: Any) -> Iterator[dict[str, Any]]:
-    """Yield each description of an object in a tree of them."""
+    """Yield the description of each object in a tree."""
     if isinstance(schema, dict):
         if "__loader__" in schema:
             yield schema
@@ -304,7 +303,7 @@ def _nodes(schema: Any) -> Iterator[dict[str, Any]]:
 
 
 def _parts(item: Any, seen: dict[int, Any]) -> Iterator[Any]:
-    """Yield an object and all that it holds, each once."""
+    """Yield an object and everything it contains, each once."""
     if id(item) in seen:
         return
     seen[id(item)] = item
@@ -325,15 +324,15 @@ def _set_memory(model: Any, memory: Any) -> None:
 
 
 def _check_parts(model: Any) -> None:
-    """Raise where compiled code would trust what a file says.
+    """Raise for values in a file that could crash compiled code.
 
-    Indices of sparse arrays, sizes that do not agree.
+    These are invalid indices of sparse arrays, and arrays of inconsistent sizes.
     """
     for part in list(_parts(model, {})):
         if is_dataclass(part) and not isinstance(part, type):
             _forget_what_is_derived(part)
         if isinstance(part, (Correspondence, Landmarks, Mesh)):
-            replace(part)  # is checked as a new one is
+            replace(part)  # runs the checks of the constructor
         elif sp.issparse(part):
             part.check_format(full_check=True)  # type: ignore[attr-defined]
         elif isinstance(part, SpectralShape):
@@ -344,7 +343,7 @@ def _check_parts(model: Any) -> None:
             if part.prolongation is not None:
                 _check_prolongation(part.prolongation, part.mesh.n_faces)
         elif isinstance(part, GivenMesh) and isinstance(part.source, (str, Path)):
-            raise ValueError(f"the given mesh is to be read from another file, {part.source!r}")
+            raise ValueError(f"the given mesh would be read from another file, {part.source!r}")
         elif isinstance(part, ProbedShape):
             _check_sizes(part.probes, (len(part.spectral.evals), len(part.probe_names)), "probes")
 
@@ -357,7 +356,7 @@ def _check_prolongation(prolongation: Prolongation, n_faces: int) -> None:
 
 
 def _forget_what_is_derived(part: Any) -> None:
-    """Remove from a dataclass what it computes of itself (areas, hashes): a file need not tell."""
+    """Remove cached values (areas, hashes) from a dataclass, so that they are computed afresh."""
     for name in set(vars(part)) - {field.name for field in fields(part)}:
         del vars(part)[name]
 
@@ -374,6 +373,6 @@ def _skops() -> Any:
         import skops.io  # noqa: PLC0415
     except ImportError as error:
         raise ImportError(
-            "Files that are safe to load need skops: pip install 'skfmap[skops]'."
+            "Saving and loading models safely needs skops: pip install 'skfmap[skops]'."
         ) from error
     return skops.io

@@ -1,7 +1,7 @@
-"""From a functional map to points, and how such matches are refined: parts that can be exchanged.
+"""Point matches from functional maps, and their refinement.
 
-A refinement is an object with one method, `Refinement.refine`. The learner's ``refine`` takes one
-of these, the word for it, or one of your own.
+A refinement is an object with one method, `Refinement.refine`. The parameter ``refine`` of the
+learner takes one of those defined here, the word for it, or one of your own.
 """
 
 from abc import ABC, abstractmethod
@@ -35,7 +35,8 @@ __all__ = [
 ]
 
 
-# Samples for each function, at least: 20 with 30 functions ruin a match, 100 hardly harm it.
+# Minimum number of samples per function. With 30 functions, 20 samples ruin a match, and 100 hardly
+# harm it.
 _PER_FUNCTION = 4
 
 
@@ -45,13 +46,14 @@ class PointMatch(NamedTuple):
     Attributes
     ----------
     learned_map : ndarray of shape (k, k)
-        X_i(D): pulls functions on S_0 back to S_i.
+        Learned map X_i(D), which pulls functions on S_0 back to S_i.
     refined_map : ndarray of shape (n, n) or None
-        The functional map that the last step of a refinement used; None before.
+        Functional map of the last step of a refinement; None before refinement.
     points_i, points_0 : ndarray of shape (n_vertices_i, d), ndarray of shape (n_vertices_0, d)
         The vertices of S_i and S_0 in the embedding.
     p2p, inverse : ndarray of int, shape (n_vertices_i,), ndarray of int, shape (n_vertices_0,)
-        The nearest vertex of S_0 for each of S_i, and the other way round.
+        The nearest vertex of S_0 for each vertex of S_i, and the nearest vertex of S_i for each
+        vertex of S_0.
     """
 
     learned_map: FloatArray
@@ -63,11 +65,12 @@ class PointMatch(NamedTuple):
 
 
 class Learned(Protocol):
-    """What a refinement knows of what was learned: a learner's ``matcher_``.
+    """What a refinement can use of the learned model; the ``matcher_`` of a learner provides it.
 
-    ``reference`` is S_0; ``stable_basis`` Y, shape (k, k); the covariances say how far maps put the
-    points of training shapes from where they belong: learned ones in k functions, known ones in all
-    that `SpectralBasis` holds.
+    ``reference`` is S_0, and ``stable_basis`` is Y, of shape (k, k). The covariances describe how
+    far maps put the points of training shapes from where they belong: ``residual_covariance`` of
+    learned maps, in k functions, and ``truncation_covariance`` of known maps, in all functions of
+    `SpectralBasis`.
     """
 
     @property
@@ -83,7 +86,7 @@ class Learned(Protocol):
 def match_points(
     spectral: SpectralShape, spectral_0: SpectralShape, C: FloatArray, functions: FloatArray
 ) -> PointMatch:
-    """Match points by nearest neighbours in functions that a learned map carries over.
+    """Match points by nearest neighbours in the embedding of a learned map.
 
     Parameters
     ----------
@@ -109,23 +112,23 @@ def rematch_points(
     C: FloatArray,
     functions: FloatArray,
 ) -> PointMatch:
-    """Match the points again, under a map that a refinement found.
+    """Match the points again, with a refined map.
 
     Parameters
     ----------
     match : PointMatch
-        The match before.
+        The previous match.
     spectral, spectral_0 : SpectralShape
         S_i and S_0.
     C : ndarray of shape (n, n)
-        The refined map, of any size that both bases hold.
+        The refined map, of any size up to that of both bases.
     functions : ndarray of shape (n, n_functions)
         Coefficients of functions on S_0.
 
     Returns
     -------
     PointMatch
-        Both point maps, with the learned map of the match before.
+        Both point maps, with the learned map of the previous match.
     """
     return PointMatch(match.learned_map, C, *_nearest_both(spectral, spectral_0, C, functions))
 
@@ -136,31 +139,33 @@ def _nearest_both(
     n, held = len(C), min(spectral.n_components, spectral_0.n_components)
     if C.shape != (n, n) or len(functions) != n or n > held:
         raise ValueError(
-            f"C must be square and functions have as many rows, at most the {held} functions that "
-            f"SpectralBasis holds; got shapes {C.shape} and {functions.shape}."
+            f"C must be square, and functions must have the same number of rows, at most {held} "
+            f"(the functions of SpectralBasis); got shapes {C.shape} and {functions.shape}."
         )
     points_i, points_0 = spectral_embeddings(
         spectral.evecs[:, :n], spectral_0.evecs[:, :n], C, functions
     )
     if not (np.isfinite(points_i).all() and np.isfinite(points_0).all()):
-        raise ValueError("C and functions must be finite; they hold NaN, or values that overflow.")
+        raise ValueError(
+            "C and functions must be finite; they contain NaN, or values that overflow."
+        )
     both = nearest_both(points_i, points_0, n_threads=threads_within())
     return points_i, points_0, *both
 
 
 class Refinement(Part, ABC):
-    """A way to refine matches; derive from it to write your own.
+    """Base class of refinements; derive from it to write your own.
 
-    Store parameters in ``__init__``, and implement `refine`. If the refinement has something to
-    learn from the training shapes, override `fit`: it is called once for all of them, and once more
-    for each fold of the calibration.
+    Store parameters in ``__init__``, and implement `refine`. If the refinement learns something
+    from the training shapes, override `fit`: it is called once for all of them, and once more for
+    each fold of the calibration.
 
     Examples
     --------
     >>> import numpy as np
     >>> from skfmap.refinement import Refinement, rematch_points
     >>> class AllAlike(Refinement):
-    ...     "Match in all k functions alike."
+    ...     "Match in all k functions with equal weights."
     ...     def refine(self, learned, spectral, match):
     ...         C, spectral_0 = match.learned_map, learned.reference.spectral
     ...         return rematch_points(match, spectral, spectral_0, C, np.eye(len(C)))
@@ -171,12 +176,12 @@ class Refinement(Part, ABC):
 
     @abstractmethod
     def refine(self, learned: Learned, spectral: SpectralShape, match: PointMatch) -> PointMatch:
-        """Return the match with its points matched anew.
+        """Return the refined match.
 
         Parameters
         ----------
         learned : Learned
-            What was learned; the reference S_0 is ``learned.reference``.
+            The learned model; the reference S_0 is ``learned.reference``.
         spectral : SpectralShape
             The shape S_i.
         match : PointMatch
@@ -190,14 +195,14 @@ class Refinement(Part, ABC):
 
 
 class ICP(Refinement):
-    """Match by orthogonal maps of k functions (Ovsjanikov et al. 2012).
+    """Spectral ICP: match with orthogonal maps of k functions (Ovsjanikov et al. 2012).
 
-    Each map is fitted to the points of the step before.
+    Each map is fitted to the points of the previous step.
 
     Parameters
     ----------
     n_steps : int, default=10
-        Maximum number of steps; it stops earlier if points no longer change.
+        Maximum number of steps; iteration stops earlier if the match no longer changes.
     """
 
     def __init__(self, n_steps: int = 10) -> None:
@@ -220,12 +225,12 @@ class ICP(Refinement):
 
 
 class ZoomOut(Refinement):
-    """Fit maps of growing size, each to the point map before (Melzi et al. 2019).
+    """Fit maps of growing size, each to the previous point-to-point map (Melzi et al. 2019).
 
     Parameters
     ----------
     step : int, default=10
-        Functions that each map has more than the one before, up to all that `SpectralBasis` holds.
+        Number of functions added in each step, up to all functions of `SpectralBasis`.
     """
 
     def __init__(self, step: int = 10) -> None:
@@ -251,29 +256,30 @@ class BijectiveZoomOut(Refinement):
     shapes; the last steps match all vertices.
 
     Without the learned weights, the steps would favour maps that are as isometric as possible, and
-    drift away even from the true map.
+    would drift away even from the true map.
 
     Parameters
     ----------
     step : int, default=10
-        Functions that each map has more than the one before, up to all that `SpectralBasis` holds.
+        Number of functions added in each step, up to all functions of `SpectralBasis`.
     final_steps : int, default=2
-        Steps in which all vertices are matched, in all functions.
+        Number of final steps, in which all vertices are matched in all functions.
     n_samples : int or None, default=2000
         Number of vertices of each shape that are matched while maps grow, at least four for each
         function; shapes with fewer vertices are matched as a whole. None always matches all.
 
     Notes
     -----
-    Each step overshoots the fitted map by 0.7 of the way to it. Fitting the map and matching the
-    points decrease one sum of squared distances in turn, and a quadratic function is no larger at
-    twice the way to its minimum: up to there the sum decreases from step to step. Steps without
-    overshooting are short, since the vertices matched before hold the map back.
+    Each step goes beyond the fitted map by 0.7 of the distance to it. Fitting the map and matching
+    the points alternately decrease the same sum of squared distances. A quadratic function is no
+    larger at twice the distance to its minimum than at the start, so the sum still decreases in
+    every step. Steps without overshooting are short, because the previous matches hold the map
+    back.
 
     On TOSCA's cats, each left out in turn, eleven plain steps on all vertices have an error of
-    0.0176, and these steps 0.0177, in a tenth of the time. With 1,500 samples the error is 0.0181,
-    with 1,000 0.0186, on all vertices in every step 0.0174; with one final step 0.0182, with four
-    0.0174.
+    0.0176, and these steps 0.0177 in a tenth of the time. The error is 0.0181 with 1,500 samples,
+    0.0186 with 1,000, and 0.0174 with all vertices in every step; with one final step it is 0.0182,
+    with four 0.0174.
 
     Examples
     --------
@@ -284,7 +290,7 @@ class BijectiveZoomOut(Refinement):
     BijectiveZoomOut(step=20)
     """
 
-    # Of models that were saved before there were samples.
+    # For models that were saved before this parameter existed.
     n_samples: int | None = None
 
     def __init__(self, step: int = 10, final_steps: int = 2, n_samples: int | None = 2000) -> None:
@@ -325,11 +331,11 @@ REFINEMENTS: dict[str, type[Refinement]] = {
     "zoomout": ZoomOut,
     "bijective-zoomout": BijectiveZoomOut,
 }
-"""What the learner's words stand for."""
+"""The refinements that the words of the learner's parameter ``refine`` stand for."""
 
 
 def _sizes(learned: Learned, spectral: SpectralShape, step: int) -> Iterator[int]:
-    """Yield the sizes of the maps, from the learned one's to all that both bases hold."""
+    """Yield the sizes of the maps, from that of the learned map to that of both bases."""
     k, most = (
         len(learned.stable_basis),
         min(spectral.n_components, len(learned.truncation_covariance)),
@@ -339,7 +345,7 @@ def _sizes(learned: Learned, spectral: SpectralShape, step: int) -> Iterator[int
 
 
 class _Points(Protocol):
-    """The points of a shape, or some that stand for all: functions at each, and areas."""
+    """The points of a shape, or samples of them: functions at each point, and its area."""
 
     @property
     def evecs(self) -> FloatArray: ...
@@ -356,7 +362,7 @@ _SAMPLES: WeakKeyDictionary[SpectralShape, dict[int | None, _Points]] = WeakKeyD
 
 
 def _sampled(spectral: SpectralShape, n_samples: int | None) -> _Points:
-    """Return well-spread vertices with the areas that they stand for; a small shape as it is."""
+    """Return well-spread vertices with the areas they represent, or a small shape itself."""
     if n_samples is None or n_samples >= len(spectral.mass):
         return spectral
     rows = np.sort(farthest_points(spectral.vertices, n_samples))
@@ -364,9 +370,9 @@ def _sampled(spectral: SpectralShape, n_samples: int | None) -> _Points:
 
 
 def _sampled_once(spectral_0: SpectralShape, n_samples: int | None) -> _Points:
-    """Return the samples of a reference, which are the same for all shapes that are matched to it.
+    """Return the samples of a reference, which are the same for all shapes matched to it.
 
-    They are kept as long as the reference is.
+    They are cached as long as the reference exists.
     """
     if n_samples is None or n_samples not in _SAMPLES.get(spectral_0, {}):
         samples = _sampled(spectral_0, n_samples)

@@ -1,4 +1,4 @@
-"""The mean of registered shapes, and how they vary about it."""
+"""Mean and principal modes of registered shapes."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -35,13 +35,14 @@ from skfmap.shapes import Mesh, Registered
 
 __all__ = ["ShapeSpace", "stack"]
 
-# Mirror images are told where a similarity with a reflection leaves at most `STIFF`, as a share
-# of squares, and one without so many times as much. Between any two of twenty mouse mandibles or
-# eleven skulls, those of one side leave 0.006 at most, and of two sides 0.013 at least.
+# A shape is a mirror image if a similarity with a reflection leaves at most `STIFF`, as a fraction
+# of the sum of squares, and one without a reflection at least this many times as much. Between any
+# two of twenty mouse mandibles or eleven skulls, those of the same side leave at most 0.006, and
+# those of different sides at least 0.013.
 _TIMES = 2.0
-# Deviations below this share of the mean size are rounding, and so are squares below this share.
+# Deviations below this fraction of the mean size are rounding errors, and so are squares below it.
 _ROUNDING = 1e-9
-# Scores that are as large as the largest but for rounding.
+# Scores above this fraction of the largest count as equal to it.
 _AS_LARGE = 0.999
 
 
@@ -51,18 +52,19 @@ def stack(registered: Sequence[Registered]) -> FloatArray:
     Parameters
     ----------
     registered : sequence of Registered
-        From `skfmap.register`.
+        Registered meshes, from `skfmap.register`.
 
     Returns
     -------
     ndarray of shape (n_shapes, n_vertices_0, 3)
-        One row for each shape, in its own units and place; vertices are those of the reference.
+        One row per shape, in its own units and position; vertices correspond to those of the
+        reference.
 
     Raises
     ------
     MeshError
-        If shapes were left out, the reference does not fit some, or they were registered to
-        different references; the message names them.
+        If shapes were left out, if the reference does not fit some of them, or if they were
+        registered to different references; the message names them.
 
     Examples
     --------
@@ -90,67 +92,66 @@ def stack(registered: Sequence[Registered]) -> FloatArray:
 
 
 class ShapeSpace(Versioned, TransformerMixin, BaseEstimator):
-    r"""Mean and principal modes of shapes with one connectivity.
+    r"""Mean and principal modes of shapes with the same connectivity.
 
-    Shapes are turned and shifted onto their mean (generalised Procrustes alignment), and what is
-    left is split into principal components. Each vertex counts as much as the area around it on the
-    mean, so that neither depends on where a mesh is fine.
+    Shapes are rotated and translated onto their mean (generalised Procrustes alignment), and the
+    remaining variation is split into principal components. Each vertex is weighted by the area
+    around it on the mean, so the result does not depend on where a mesh is finer.
 
-    A shape is the mean and a sum of modes, each times its score. Scores are in the units of the
-    meshes: a shape of score s in one mode, and 0 in the others, is s away from the mean, as root
-    mean square over the surface.
+    A shape is the mean plus a sum of modes, each multiplied by its score. Scores are in the units
+    of the meshes: a shape with score s in one mode, and 0 in the others, has a root mean square
+    distance of s from the mean over the surface.
 
     Parameters
     ----------
     n_components : int or float, optional
-        Number of modes, or above 0 and below 1 the share of variance that they are to explain; by
-        default all, one less than there are shapes.
+        Number of modes, or the fraction of variance to explain, between 0 and 1. By default all
+        modes, one fewer than the number of shapes.
     scale : bool, default=False
-        Whether shapes are brought to one size, centroid size 1, before all else. Otherwise size is
-        a part of the shape.
+        Whether shapes are first scaled to centroid size 1. Otherwise size is a part of shape.
     on_mirrored : {"warn", "reflect"}, default="warn"
-        What to do with mirror images of the first shape, as a right femur among left ones.
-        ``"reflect"`` takes their images instead. Only shapes that are alike but for a similarity
-        and a little more can be told.
+        What to do with mirror images of the first shape, such as a right femur among left ones.
+        ``"reflect"`` reflects them. Mirror images are only detected among shapes that differ by
+        little more than a similarity.
     faces : array-like of int, shape (n_faces, 3), optional
-        For shapes that are given as an array, without faces. Without them each point counts alike,
-        and there are no meshes of the mean and the modes: so for landmarks.
+        Faces of shapes that are given as an array. Without faces, as for landmarks, all points have
+        the same weight, and there are no meshes of the mean and the modes.
     max_iter : int, default=100
-        Most rounds of the alignment.
+        Maximum number of iterations of the alignment.
     tol : float, default=1e-9
-        Movement of the mean, as a share of its size, at which the alignment has converged.
+        The alignment has converged when the mean moves by at most this fraction of its size.
 
     Attributes
     ----------
     mean_ : ndarray of shape (n_vertices, 3)
-        Vertices of the mean shape, its centroid in the origin, turned about as the first shape.
+        Vertices of the mean shape, with its centroid at the origin, oriented like the first shape.
     modes_ : ndarray of shape (n_modes, n_vertices, 3)
-        Displacements of the vertices by modes, those of the most variance first. Orthonormal in the
-        mean of products over the surface.
+        Displacements of the vertices for each mode, in order of decreasing variance. Modes are
+        orthonormal with respect to the area-weighted mean over the surface.
     standard_deviations_ : ndarray of shape (n_modes,)
-        Of the scores of the training shapes, in units of the meshes.
+        Standard deviations of the scores of the training shapes, in the units of the meshes.
     explained_variance_ratio_ : ndarray of shape (n_modes,)
-        Share of the variance of the aligned shapes.
+        Fraction of the variance of the aligned shapes that each mode explains.
     centroid_sizes_ : ndarray of shape (n_shapes,)
-        Size of each training shape, before it was scaled: root mean square distance of its surface
+        Size of each training shape before scaling: the root mean square distance of its surface
         from its centroid.
     mirrored_ : ndarray of bool, shape (n_shapes,)
         Which training shapes are mirror images of the first.
     weights_ : ndarray of shape (n_vertices,)
-        Share of each vertex in the mean's area.
+        Fraction of the area of the mean that each vertex represents.
     faces_ : ndarray of int, shape (n_faces, 3), or None
-        Faces that the shapes share.
+        Faces that all shapes have.
     n_iter_ : int
-        Rounds of the alignment.
+        Number of iterations of the alignment.
 
     See Also
     --------
-    skfmap.register : Lays the mesh of a reference onto shapes, which gives them one connectivity.
+    skfmap.register : Lays the mesh of a reference onto shapes, so that they have the same faces.
 
     Notes
     -----
-    The sign of a mode is such that the largest of its scores is positive. Modes describe shapes
-    that vary little; those of a body that bends are straight lines, where limbs move on arcs.
+    The sign of a mode is chosen so that the largest of its scores is positive. Modes suit shapes
+    that vary little: they are straight lines, while the limbs of a body that bends move on arcs.
 
     References
     ----------
@@ -160,7 +161,7 @@ class ShapeSpace(Versioned, TransformerMixin, BaseEstimator):
 
     Examples
     --------
-    Spheres that are stretched vary in one way:
+    Stretched spheres vary in one mode:
 
     >>> import numpy as np
     >>> from skfmap import Mesh
@@ -200,14 +201,14 @@ class ShapeSpace(Versioned, TransformerMixin, BaseEstimator):
         Parameters
         ----------
         X : sequence of Registered, sequence of Mesh, or array of shape (n_shapes, n_vertices, 3)
-            Shapes whose vertices correspond by their numbers.
+            Shapes whose vertices correspond by index.
         y : ignored
-            For scikit-learn's interface.
+            Present for API consistency by convention.
 
         Returns
         -------
         ShapeSpace
-            Itself.
+            The fitted estimator.
 
         Raises
         ------
@@ -219,7 +220,7 @@ class ShapeSpace(Versioned, TransformerMixin, BaseEstimator):
         Warns
         -----
         OrientationWarning
-            If some are mirror images of the first, and are not to be reflected.
+            If some shapes are mirror images of the first, and ``on_mirrored="warn"``.
         ConvergenceWarning
             If the alignment did not converge.
         """
@@ -240,12 +241,12 @@ class ShapeSpace(Versioned, TransformerMixin, BaseEstimator):
         Parameters
         ----------
         X : sequence of Registered, sequence of Mesh, or array of shape (n_shapes, n_vertices, 3)
-            Shapes with the vertices of those of `fit`.
+            Shapes with the same vertices and faces as those given to `fit`.
 
         Returns
         -------
         ndarray of shape (n_shapes, n_modes)
-            How far each is from the mean along each mode, in units of the meshes.
+            Distance of each shape from the mean along each mode, in the units of the meshes.
         """
         check_is_fitted(self)
         points, faces, names = _read(X, None)
@@ -253,8 +254,8 @@ class ShapeSpace(Versioned, TransformerMixin, BaseEstimator):
             got = f"{points.shape[1]} vertices"
             got += " in other faces" if points.shape[1] == len(self.mean_) else ""
             raise MeshError(
-                f"X must have the {len(self.mean_)} vertices and the faces of the shapes of fit; "
-                f"got {got}. Register them by the same model."
+                f"X must have the {len(self.mean_)} vertices and the faces of the shapes given to "
+                f"fit; got {got}. Register the shapes with the same model."
             )
         frame = _frame(self.mean_, self.faces_)
         mirrored = self._told_mirrored(points, frame, names)
@@ -262,7 +263,7 @@ class ShapeSpace(Versioned, TransformerMixin, BaseEstimator):
         return np.einsum("v,svd,mvd->sm", self.weights_, moved, self.modes_, optimize=True)
 
     def inverse_transform(self, X: npt.ArrayLike) -> FloatArray:
-        """Return the shapes of given scores.
+        """Return the shapes with the given scores.
 
         Parameters
         ----------
@@ -272,7 +273,7 @@ class ShapeSpace(Versioned, TransformerMixin, BaseEstimator):
         Returns
         -------
         ndarray of shape (n_shapes, n_vertices, 3)
-            Vertices, aligned as the mean is.
+            Vertices, aligned with the mean.
         """
         check_is_fitted(self)
         scores = as_reals(X, "X")
@@ -285,24 +286,24 @@ class ShapeSpace(Versioned, TransformerMixin, BaseEstimator):
 
     @property
     def mean_mesh_(self) -> Mesh:
-        """The mean as a mesh."""
+        """The mean shape as a mesh."""
         faces = self._faces_of_meshes()
         return Mesh(self.mean_, faces, "mean")
 
     def mode_mesh(self, mode: int, deviations: float) -> Mesh:
-        """Return the mean, moved along a mode.
+        """Return the mean shape, moved along a mode.
 
         Parameters
         ----------
         mode : int
-            Which mode, from 0.
+            Index of the mode, from 0.
         deviations : float
-            How far, in standard deviations of the training shapes: -2 and 2 are usual.
+            Score in standard deviations of the training shapes; -2 and 2 are common values.
 
         Returns
         -------
         Mesh
-            Aligned as the mean is.
+            The shape, aligned with the mean.
         """
         faces = self._faces_of_meshes()
         check_number(mode, "mode", low=0, high=len(self.modes_) - 1, integer=True)
@@ -314,12 +315,12 @@ class ShapeSpace(Versioned, TransformerMixin, BaseEstimator):
         self,
         input_features: object = None,  # noqa: ARG002
     ) -> npt.NDArray[np.object_]:
-        """Return the names of the scores, ``mode0`` and so on, an object array."""
+        """Return the names of the scores (``mode0`` and so on) as an object array."""
         check_is_fitted(self)
         return np.array([f"mode{i}" for i in range(len(self.modes_))], dtype=object)
 
     def __sklearn_tags__(self) -> Tags:
-        """Return tags that say that samples are no rows of a table."""
+        """Return tags that declare three-dimensional input."""
         tags = super().__sklearn_tags__()
         tags.input_tags.two_d_array = False
         tags.input_tags.three_d_array = True
@@ -333,20 +334,20 @@ class ShapeSpace(Versioned, TransformerMixin, BaseEstimator):
 
     def _check_n_components(self, n_shapes: int) -> None:
         if n_shapes < 2:
-            raise ValueError("X has one shape, which does not vary; give two or more.")
+            raise ValueError("X has only one shape, so there is no variation; give two or more.")
         given = self.n_components
         if isinstance(given, (float, np.floating)):
             if not 0 < given < 1:
                 raise ValueError(
-                    "n_components must be an integer, or a share of variance above 0 and below 1; "
+                    "n_components must be an integer, or a fraction of variance between 0 and 1; "
                     f"got {given!r}."
                 )
         elif given is not None:
             check_number(given, "n_components", low=1, integer=True)
             if given >= n_shapes:
                 raise ValueError(
-                    f"n_components must be below the number of shapes, {n_shapes}, which vary in "
-                    f"{n_shapes - 1} ways; got {given!r}. None takes all."
+                    f"n_components must be less than the number of shapes: {n_shapes} shapes have "
+                    f"{n_shapes - 1} modes; got {given!r}. None keeps all modes."
                 )
 
     def _told_mirrored(
@@ -358,8 +359,9 @@ class ShapeSpace(Versioned, TransformerMixin, BaseEstimator):
         if self.on_mirrored == "warn" and mirrored.any():
             told = ", ".join(name for name, is_one in zip(names, mirrored, strict=True) if is_one)
             warn(
-                f"Mirror images of the others: {told}. What tells left from right then counts as "
-                "variation. Give on_mirrored='reflect', or leave them out.",
+                f"These shapes are mirror images of the others: {told}. The difference between "
+                "left and right then counts as variation. Set on_mirrored='reflect', or leave "
+                "them out.",
                 OrientationWarning,
             )
         return mirrored
@@ -370,7 +372,7 @@ class ShapeSpace(Versioned, TransformerMixin, BaseEstimator):
         return np.where(mirrored[:, None, None], points * MIRROR, points)
 
     def _align_all(self, points: FloatArray) -> tuple["_Frame", FloatArray]:
-        """Return the mean, and all shapes turned and shifted onto it; begin with the first."""
+        """Return the mean, and all shapes aligned with it, starting from the first shape."""
         frame = _frame(points[0], self.faces_)
         frame = _frame(self._aligned(points[:1], frame)[0], self.faces_)
         for n_iter in range(1, self.max_iter + 1):
@@ -382,13 +384,14 @@ class ShapeSpace(Versioned, TransformerMixin, BaseEstimator):
                 break
         else:
             warn(
-                f"The alignment did not converge in {self.max_iter} rounds: raise max_iter or tol.",
+                f"The alignment did not converge in {self.max_iter} iterations; increase max_iter "
+                "or tol.",
                 ConvergenceWarning,
             )
         return frame, aligned
 
     def _aligned(self, points: FloatArray, frame: "_Frame") -> FloatArray:
-        """Return shapes turned onto the mean of a frame, their centroids in the origin."""
+        """Return shapes rotated onto the mean of a frame, with their centroids at the origin."""
         aligned = np.empty_like(points)
         for shape, out in zip(points, aligned, strict=True):
             centred = shape - frame.weights @ shape
@@ -404,8 +407,8 @@ class ShapeSpace(Versioned, TransformerMixin, BaseEstimator):
         least = _ROUNDING * _size(self.mean_, self.weights_)
         if np.sqrt((weighted**2).sum(axis=1).max()) <= least:
             raise ValueError(
-                "All shapes of X are the same but for where they are; shapes that do not vary have "
-                "no modes."
+                "All shapes in X are the same, up to rotation and translation; without variation "
+                "there are no modes."
             )
         n_components = len(moved) - 1 if self.n_components is None else self.n_components
         share = isinstance(n_components, (float, np.floating))
@@ -414,7 +417,7 @@ class ShapeSpace(Versioned, TransformerMixin, BaseEstimator):
         scores = weighted @ pca.components_.T
         real = np.sqrt(pca.explained_variance_) > least
         scores = scores[:, real] * _signs(scores[:, real])
-        # By regression: vertices without a face, whose weight is 0, move too.
+        # By regression, so that vertices without a face, whose weight is 0, move too.
         self.modes_ = np.einsum(
             "sm,svd->mvd", scores / np.square(scores).sum(axis=0), moved, optimize=True
         )
@@ -425,14 +428,14 @@ class ShapeSpace(Versioned, TransformerMixin, BaseEstimator):
         check_is_fitted(self)
         if self.faces_ is None:
             raise AttributeError(
-                "There are no meshes of points without faces. Fit registered shapes or meshes, or "
-                "give ShapeSpace(faces=...)."
+                "Points without faces have no meshes. Fit registered shapes or meshes, or set "
+                "ShapeSpace(faces=...)."
             )
         return np.asarray(self.faces_)
 
 
 class _Frame(NamedTuple):
-    """What shapes are turned onto, and how much its vertices count, which sums to 1."""
+    """The mean that shapes are aligned with, and the weights of its vertices, which sum to 1."""
 
     mean: FloatArray
     weights: FloatArray
@@ -456,19 +459,19 @@ def _size(points: FloatArray, weights: FloatArray) -> float:
 def _of_unit_size(points: FloatArray, weights: FloatArray) -> FloatArray:
     size = _size(points, weights)
     if size == 0:
-        raise MeshError("A shape has all vertices in one place, and no size: leave it out.")
+        raise MeshError("All vertices of a shape coincide, so it has no size; leave it out.")
     return points / size
 
 
 def _signs(scores: FloatArray) -> FloatArray:
-    """Return the sign of the largest score of each mode, the first of equal ones."""
+    """Return the sign of the largest score of each mode; of equal ones, the first."""
     size = np.abs(scores)
     largest = np.argmax(size >= _AS_LARGE * size.max(axis=0), axis=0)
     return np.sign(scores[largest, np.arange(scores.shape[1])])
 
 
 def _read(X: Any, faces: npt.ArrayLike | None) -> tuple[FloatArray, IntArray | None, list[str]]:
-    """Return points of shape (n_shapes, n_vertices, 3), faces, and what messages call shapes."""
+    """Return points of shape (n_shapes, n_vertices, 3), faces, and names for messages."""
     if isinstance(X, np.ndarray) and X.dtype.kind in "biufc":
         points = _as_points(X)
         checked = None if faces is None else check_faces(faces, points.shape[1], "ShapeSpace")
@@ -477,15 +480,15 @@ def _read(X: Any, faces: npt.ArrayLike | None) -> tuple[FloatArray, IntArray | N
     names = [_called(shape, i) for i, shape in enumerate(shapes)]
     if faces is not None and all(isinstance(shape, (Registered, Mesh)) for shape in shapes):
         raise ValueError(
-            "ShapeSpace(faces=...) is for shapes that are given as an array; these have faces of "
-            "their own. Leave it out."
+            "ShapeSpace(faces=...) is for shapes that are given as an array, but these have their "
+            "own faces. Leave it out."
         )
     if all(isinstance(shape, Registered) for shape in shapes):
         return stack(shapes), np.asarray(shapes[0].faces), names
     for i, shape in enumerate(shapes):
         if not isinstance(shape, Mesh):
             raise TypeError(
-                "All of X must be Mesh, or all Registered, which skfmap.register returns; got "
+                "All items of X must be Mesh, or all Registered (from skfmap.register); got "
                 f"{type(shape).__name__} at X[{i}].{_remedy(shape)}"
             )
     _shared_faces(shapes)
@@ -493,28 +496,29 @@ def _read(X: Any, faces: npt.ArrayLike | None) -> tuple[FloatArray, IntArray | N
 
 
 def _remedy(shape: object) -> str:
-    """Return what a message advises for an item that is neither a mesh nor registered."""
+    """Return the advice for an item of the wrong type, for use in a message."""
     if isinstance(shape, Registered):
-        return " Give its mesh, which is .mesh."
+        return " Give its .mesh."
     if isinstance(shape, (str, Path)):
-        return " Read it: skfmap.io.read_mesh."
+        return " Read it with skfmap.io.read_mesh."
     if isinstance(shape, np.ndarray):
-        return " Give arrays of vertices as one: np.stack(X), and ShapeSpace(faces=...)."
+        return " Give vertices as one array, np.stack(X), and ShapeSpace(faces=...)."
     return ""
 
 
 def _as_points(X: npt.NDArray[Any]) -> FloatArray:
-    """Return an array as points; raise unless it holds those of shapes."""
+    """Return an array as points; raise if it does not contain the vertices of shapes."""
     points = as_reals(X, "X")
     if points.ndim != 3 or points.shape[2] != 3 or 0 in points.shape:
         raise ValueError(
-            "X must hold the vertices of shapes, shape (n_shapes, n_vertices, 3); got "
-            f"{points.shape}."
+            "X must contain the vertices of shapes, in an array of shape (n_shapes, n_vertices, "
+            f"3); got {points.shape}."
         )
     wrong = [i for i, shape in enumerate(points) if not is_finite(shape).all()]
     if wrong:
         raise MeshError(
-            f"X has NaN, or numbers too large, in shape {', '.join(map(str, wrong))}; leave it out."
+            f"X has NaN or too large coordinates in shape {', '.join(map(str, wrong))}; leave it "
+            "out."
         )
     return points
 
@@ -535,29 +539,28 @@ def _shared_faces(shapes: Sequence[Any]) -> None:
         if len(shape.vertices) != len(first.vertices) or not _same(shape.faces, first.faces):
             raise MeshError(
                 f"{_called(shape, i)} {_difference(shape, first, _called(first, 0))}. Vertices "
-                "have to correspond by their numbers: lay one reference onto all shapes, "
-                "skfmap.register."
+                "must correspond by index: lay one reference onto all shapes with skfmap.register."
             )
 
 
 def _difference(shape: Any, first: Any, who: str) -> str:
-    """Return what a message says of a shape that has other vertices or faces than the first."""
+    """Return how the vertices or faces of a shape differ from the first's, for a message."""
     counts, others = ((len(one.vertices), len(one.faces)) for one in (shape, first))
     if counts == others:
         return f"has as many vertices and faces as {who}, but the faces themselves differ"
     return (
-        f"has {counts[0]} vertices and {counts[1]} faces, which are not those of {who} "
-        f"({others[0]} and {others[1]})"
+        f"has {counts[0]} vertices and {counts[1]} faces, unlike {who} ({others[0]} and "
+        f"{others[1]})"
     )
 
 
 def _unusable(
     shapes: Sequence[Registered], left_out: Sequence[bool], misfits: Sequence[bool]
 ) -> str:
-    """Return what a message says of shapes that nothing was laid onto, or not well."""
+    """Return a message about shapes that were left out, or that the reference does not fit."""
     absent = [_called(shape, i) for i, shape in enumerate(shapes) if left_out[i]]
     bad = [_called(s, i) for i, s in enumerate(shapes) if misfits[i] and not left_out[i]]
-    told = [f"{', '.join(absent)}: left out, so that there are no vertices."] if absent else []
+    told = [f"{', '.join(absent)}: left out, so there are no vertices."] if absent else []
     told += [f"{', '.join(bad)}: the reference does not fit."] if bad else []
     return " ".join(told) + (
         " Leave these out: [one for one in registered if one.fits]. To keep a mesh that does not "

@@ -89,7 +89,7 @@ def test_a_nonmanifold_edge_needs_the_robust_laplacian_or_mending(finned, body):
         SpectralBasis(10, on_invalid="raise").transform([finned])
     with pytest.warns(OrientationWarning, match="'the cat'"):
         assert_robust_helps(finned, body)
-    with pytest.warns(RepairWarning, match="'the cat': parted the surface at 1 edges"):
+    with pytest.warns(RepairWarning, match="'the cat': separated the surface at 1 edges"):
         assert_usable(finned, body)
 
 
@@ -107,7 +107,9 @@ def test_two_components_are_refused_or_the_larger_is_kept(body):
     for laplacian in ("cotangent", "robust"):
         with pytest.raises(MeshError, match="'the cat' has 2 connected components"):
             SpectralBasis(10, laplacian=laplacian, on_invalid="raise").transform([two])
-        with pytest.warns(RepairWarning, match="'the cat': kept the largest of 2 pieces, 55.2%"):
+        with pytest.warns(
+            RepairWarning, match="'the cat': kept the largest of 2 components, 55.2%"
+        ):
             (shape,) = SpectralBasis(10, laplacian=laplacian).transform([two])
         kept = shape.working_vertices(np.arange(2 * n))
         np.testing.assert_array_equal(kept, [*[-1] * n, *range(n)])
@@ -295,7 +297,7 @@ def test_a_partial_correspondence_warns_and_is_used(make_learner, probed, collec
     left = collection.meshes[2].vertices[truth.pairs[:, 0], 0] < 0
     partial = Correspondence(truth.pairs[left])
     with pytest.warns(
-        CoverageWarning, match=r"fewer than the 12 functions asked for: X\[2\] \('body2'\) 8\."
+        CoverageWarning, match=r"fewer than the 12 functions requested: X\[2\] \('body2'\) 8\."
     ):
         learner = make_learner().fit(probed[:5], changed(collection.truths[:5], 2, partial))
     assert learner.score(probed[5:], collection.truths[5:]) > -0.1
@@ -330,13 +332,13 @@ def test_mirrored_and_plain_answers_do_not_mix(
 
 def test_shapes_of_different_probes_are_refused(make_learner, probe, probed, collection):
     (other,) = probe(collection.meshes[2:3], "paper")
-    with pytest.raises(ValueError, match=r"'body2'.*other probe functions"):
+    with pytest.raises(ValueError, match=r"'body2'.*different probe functions"):
         make_learner().fit([*probed[:2], other, *probed[3:]], collection.truths)
 
 
 def test_new_shapes_of_different_probes_are_refused_by_name(fitted, probe, collection):
     with pytest.raises(
-        ValueError, match=r"other probe functions.*one DescriptorTransformer"
+        ValueError, match=r"different probe functions.*one DescriptorTransformer"
     ) as error:
         fitted.predict(probe(collection.meshes[2:3], "paper"))
     assert "body2" in str(error.value)
@@ -371,7 +373,7 @@ def test_probes_that_are_not_finite_are_refused_by_name(fitted, probed):
 
 
 def test_one_shape_alone_teaches_nothing(make_learner, probed, collection):
-    with pytest.raises(ValueError, match="at least two shapes"):
+    with pytest.raises(ValueError, match="at least two usable shapes"):
         make_learner().fit(probed[:1], collection.truths[:1])
 
 
@@ -529,7 +531,7 @@ def test_probes_of_other_parameters_are_told_apart(fitted, collection, probe):
         (n, f.set_params(sigma=0.9) if isinstance(f, WaveKernelSignature) else f)
         for n, f in default_families()
     ]
-    with pytest.raises(ValueError, match=r"made with other parameters.*sigma"):
+    with pytest.raises(ValueError, match=r"computed with different parameters.*sigma"):
         fitted.predict(probe(collection.meshes[5:], families))
 
 
@@ -582,7 +584,7 @@ def test_wrong_pairs_are_left_out_with_a_warning(make_learner, probed, collectio
     truths[1] = Correspondence(pairs)
     with pytest.warns(
         CoverageWarning,
-        match=r"pairs of X\[1\] \('body1'\) lie far from where a smooth map puts them",
+        match=r"pairs of X\[1\] \('body1'\) are far from where a smooth map puts them",
     ):
         noisy = make_learner(weighting=None).fit(probed[:4], truths)
     clean = make_learner(weighting=None).fit(probed[:4], collection.truths[:4])

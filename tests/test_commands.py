@@ -66,7 +66,11 @@ def registering(place):
     """A model that registers, of joblib's format."""
     model = place.model.with_name("registering.joblib")
     options = ["--refine", "register", "--no-evaluation", *_SMALL]
-    assert run("train", place.training, "-o", model, *options) == 0
+    out = io.StringIO()
+    with contextlib.redirect_stdout(out):
+        assert run("train", place.training, "-o", model, *options) == 0
+    assert f"register {model} NEW.ply -o out" in out.getvalue()
+    assert "match " not in out.getvalue()
     return model
 
 
@@ -92,6 +96,7 @@ def test_training_writes_a_model_a_page_and_errors(place):
     assert f"All: {np.mean(errors):.3g}." in place.told
     assert "Worst matches" in place.model.with_suffix(".html").read_text(encoding="utf-8")
     assert f"match {place.model} NEW.ply -o out" in place.told
+    assert "register " not in place.told
     saved = load_model(place.model)
     assert saved[-1].reference_.name == "body0"
     assert {saved.get_params()[f"{step}__n_jobs"] for step, _ in saved.steps} == {None}
@@ -508,6 +513,28 @@ def test_nothing_is_written_over_without_force(place, tmp_path, capsys):
     assert taken.read_text().startswith("vertex,")
 
 
+def test_the_summary_of_an_earlier_run_is_replaced(place, tmp_path, capsys):
+    out, new = tmp_path / "out", [place.new / "body4.off", place.new / "body5.off"]
+    assert run("match", place.model, new[0], "-o", out, *_QUIET) == 0
+    assert run("match", place.model, new[1], "-o", out, "--format", "ply", *_QUIET) == 0
+    assert [row["shape"] for row in rows_of(out / "summary.csv")] == ["body5"]
+    assert {path.name for path in out.iterdir()} == {"body4.csv", "body5.ply", "summary.csv"}
+    mine = "shape,length\nbody4,12\n"
+    (out / "summary.csv").write_text(mine)
+    assert run("match", place.model, new[0], "-o", out, "--format", "npz", *_QUIET) == 2
+    assert "summary.csv is there already; give --force" in capsys.readouterr().err
+    assert (out / "summary.csv").read_text() == mine
+
+
+def test_names_that_are_too_long_are_told_before_any_work(place, tmp_path, capsys):
+    mesh = tmp_path / f"{'x' * 250}.off"
+    mesh.write_bytes((place.new / "body4.off").read_bytes())
+    out = tmp_path / "out"
+    assert run("landmarks", place.model, mesh, "-o", out, "--format", "mrk.json", *_QUIET) == 2
+    assert "A name of 259 letters" in capsys.readouterr().err
+    assert not out.exists()
+
+
 def test_force_does_not_write_over_the_mesh_itself(place, registering, tmp_path, capsys):
     mesh = tmp_path / "body4.ply"
     write_mesh(read_mesh(place.new / "body4.off"), mesh)
@@ -541,7 +568,11 @@ def test_a_shape_that_the_model_refuses_does_not_lose_the_others(
         (["match", "{model}", "nowhere.off", "-o", "{out}"], "no mesh nowhere.off"),
         (["match", "{model}", "{out}.txt", "-o", "{out}"], "not a mesh that can be read"),
         (["match", "{model}", "{empty}", "-o", "{out}"], "holds no mesh with suffix"),
-        (["match", "{new}/body4.off", "{new}", "-o", "{out}"], "not a sound file of save_model"),
+        (["match", "{new}/body4.off", "{new}", "-o", "{out}"], "is a mesh, and the model comes"),
+        (["match", "{new}/body4.off", "{model}", "-o", "{out}"], "model.skops is a model, not a"),
+        (["check", "{model}"], "is a model, not a mesh. Use it as match"),
+        (["check", "{learner}"], "is a model, not a mesh. Use it as match"),
+        (["match", "{out}.txt", "{new}", "-o", "{out}"], "not a valid file of save_model"),
         (["match", "{model}", "{new}", "-o", "{out}.txt"], "out.txt cannot hold the results"),
         (["match", "{model}", "{new}", "{new}/body4.off", "-o", "{out}"], "would both be written"),
         (["match", "{model}", "{new}", "-o", "{out}", "--jobs", "0"], "n_jobs"),
@@ -557,7 +588,7 @@ def test_a_shape_that_the_model_refuses_does_not_lose_the_others(
         (["train", "{training}", "-o", "{out}.html"], "Two results would be written to"),
         (
             ["report", "{model}", "{training}", "--pattern", "body[123]", "-o", "{out}.html"],
-            "does not hold the model's reference",
+            "does not contain the model's reference",
         ),
     ],
 )
@@ -580,6 +611,42 @@ def test_what_is_wrong_is_told_in_one_line(place, tmp_path, capsys, arguments, m
     assert not list(tmp_path.glob("out/*"))
 
 
+@pytest.mark.parametrize(
+    ("verb", "nearest"), [("matches", "match"), ("Landmark", "landmarks"), ("checks", "check")]
+)
+def test_a_verb_that_is_none_names_the_nearest_and_all(capsys, verb, nearest):
+    assert run(verb, "model.skops", "scan.ply") == 2
+    told = capsys.readouterr().err
+    assert f"no verb of that name. Did you mean {nearest}? Verbs: train, match, " in told
+    assert told.count("\n") == 1
+
+
+@pytest.mark.filterwarnings("default::skfmap.exceptions.SkippedShapeWarning")
+@pytest.mark.parametrize("verb", ["train", "check"])
+def test_bare_meshes_are_nothing_to_learn_from_and_that_is_said_once(
+    collection, tmp_path, capsys, verb
+):
+    folder = _write(tmp_path / "bare", collection.meshes[:3])
+    output = ["-o", tmp_path / "m.skops"] if verb == "train" else []
+    assert run(verb, folder, *output, "-q") == (2 if verb == "train" else 1)
+    captured = capsys.readouterr()
+    told = captured.err if verb == "train" else captured.out
+    assert (captured.err + captured.out).count("\n") == 1
+    assert "cannot be trained on: only the reference, body0, can be used." in told
+    assert "Add a file for each mesh" in told
+    assert "New meshes, to which a trained model is applied, need no such files." in told
+
+
+def test_quiet_verbs_tell_what_is_wrong_alone(place, broken, tmp_path, capsys):
+    assert run("convert", place.new / "body4.off", tmp_path / "body4.ply", "-q") == 0
+    assert run("check", place.training, "-q") == 0
+    assert capsys.readouterr().out == ""
+    assert run("check", broken / "broken.off", broken / "body4.off", "-q") == 1
+    out = capsys.readouterr().out
+    assert "broken.off" in out
+    assert "body4" not in out
+
+
 def test_a_model_of_skops_asks_for_skops(place, tmp_path, capsys, monkeypatch):
     monkeypatch.setitem(sys.modules, "skops.io", None)
     assert run("train", place.training, "-o", tmp_path / "m.skops", *_SMALL) == 2
@@ -595,7 +662,7 @@ def test_wrong_options_and_help_return_their_status(capsys):
     for verb in ("train", "match", "landmarks", "register", "transfer", "check", "report", "demo"):
         assert run(verb, "--help") == 0
     assert run("--help") == 0
-    assert "place the training specimens' landmarks" in capsys.readouterr().out
+    assert "predict landmarks on new specimens" in capsys.readouterr().out
     assert run("--version") == 0
     assert capsys.readouterr().out == f"skfmap {skfmap.__version__}\n"
 

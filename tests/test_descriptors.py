@@ -196,5 +196,5 @@ def test_functions_without_a_name_are_told_apart(probed, collection, make_learne
     )
     learner = make_learner(weighting=None).fit(one[:3], collection.truths[:3])
     learner.predict(one[3:])
-    with pytest.raises(ValueError, match="made with other parameters"):
+    with pytest.raises(ValueError, match="computed with different parameters"):
         learner.predict(other[3:])

@@ -73,7 +73,7 @@ def test_an_epsilon_that_sees_nothing_is_told(training, learned):
 def test_one_training_shape_far_above_the_others_is_named_by_its_index(training, learned):
     errors = np.array([np.nan, 0.02, 0.03, 0.3, 0.02])
     (message,) = _of(DisagreementWarning, diagnose(training, learned, errors))
-    assert "X[3] ('body3') (0.30); 0.03 is typical" in message
+    assert "X[3] ('body3') (0.30); the typical value is 0.03" in message
     (message,) = _of(
         DisagreementWarning, diagnose(training, learned, np.where(np.isnan(errors), errors, 0.3))
     )
@@ -114,10 +114,10 @@ def test_a_shape_that_the_reference_does_not_fit_is_named_once_with_its_shares(p
         usable, [True, False, False], [False, False, False], [bad, bad, None]
     )
     strange, (_, ill_laid) = findings
-    assert "these shapes much worse than any training shape left out: X[2] ('body2')." in (
+    assert "these shapes much worse than any held-out training shape: X[2] ('body2')." in (
         strange.message
     )
-    assert "fits training shapes: X[1] ('body1') (25% of the reference off" in ill_laid
+    assert "as well as the training shapes: X[1] ('body1') (25% of the reference off" in ill_laid
     assert "50% of the shape off the reference, 12% stretched)." in ill_laid
     assert "body0" not in ill_laid, "a mirrored shape is called that alone"
 
@@ -142,7 +142,7 @@ def test_correspondences_of_another_numbering_leave_nothing_stable(
         for truth in collection.truths[1:5]
     ]
     with pytest.warns(
-        StabilityWarning, match=r"No function is mapped stably.*vertex numbers from 0"
+        StabilityWarning, match=r"No function is mapped stably.*vertex indices start at 0"
     ):
         make_learner().fit(probed[:5], [collection.truths[0], *shuffled])
 
@@ -169,7 +169,7 @@ def test_a_correspondence_that_contradicts_the_others_is_named(
     truths[3] = wrong(truths[3], collection.meshes[3])
     with pytest.warns(
         DisagreementWarning,
-        match=r"say, by this many sqrt\(area\): X\[3\] \('body3'\) \(0\.[234]\d\); 0\.0",
+        match=r"say: X\[3\] \('body3'\) \(0\.[234]\d\); the typical value is 0\.0",
     ):
         learner = make_learner(reference=reference).fit(probed[:5], truths)
     errors = learner.training_errors_

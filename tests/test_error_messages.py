@@ -65,11 +65,11 @@ CALLS = {
     ),
     "shorter symmetric": (
         lambda: Correspondence.from_vertices([1, 2], [1]),
-        "must be as long as the other",
+        "must have the same size",
     ),
     "smaller symmetric": (
         lambda: Correspondence.from_matrix(np.eye(3), np.eye(2)),
-        "must be as long as the other",
+        "must have the same size",
     ),
     "another map": (
         lambda: Correspondence.from_vertices([0, 1]).renumber([0, 1, 2]),
@@ -83,20 +83,20 @@ CALLS = {
         lambda: Correspondence([[0, 1]]).renumber([[0], [1, 2]]),
         "vertex_map must be an array",
     ),
-    "no path": (lambda: read_mesh(None), "A mesh is read from a path; got None"),
-    "bytes": (lambda: read_mesh(b"a.off"), "A mesh is read from a path"),
+    "no path": (lambda: read_mesh(None), "path must be the path of a mesh file; got None"),
+    "bytes": (lambda: read_mesh(b"a.off"), "path must be the path of a mesh file"),
     "no mesh": (
         lambda: write_mesh((BALL.vertices, BALL.faces), "a.off"),
-        "takes one skfmap.Mesh, .*; got tuple. Mesh",
+        "must be a skfmap.Mesh, .*; got tuple. Use Mesh",
     ),
     "no folder for a mesh": (
         lambda: write_mesh(BALL, "no/such/a.off"),
         "There is no folder no/such",
     ),
-    "pattern": (lambda: load_collection(".", pattern="**"), "pattern must be the name of meshes"),
+    "pattern": (lambda: load_collection(".", pattern="**"), "pattern must match names of meshes"),
     "no pattern": (
         lambda: load_collection(".", pattern=None),
-        "pattern must be the name of meshes",
+        "pattern must match names of meshes",
     ),
     "no folder": (lambda: load_collection(None), "folder must be a path; got None"),
     "zero jobs": (
@@ -132,7 +132,7 @@ CALLS = {
         "weights must be 2 non-negative",
     ),
     "NaN errors": (lambda: error_curve([0.1, np.nan], [1.0]), "no NaN"),
-    "no errors": (lambda: error_curve([], [1.0]), "one error at least"),
+    "no errors": (lambda: error_curve([], [1.0]), "at least one error"),
     "empty curve": (lambda: ErrorCurveDisplay.from_predictions([]), "nothing to draw"),
     "no bins": (
         lambda: ReliabilityDisplay(VALUES, VALUES).plot(n_bins=0),
@@ -140,20 +140,23 @@ CALLS = {
     ),
     "limits turned": (
         lambda: plot_function(BALL, VALUES, limits=(3, 1)),
-        "limits must be two numbers, the lower first",
+        "limits must be two finite numbers in increasing order",
     ),
     "limits alike": (
         lambda: plot_function(BALL, VALUES, limits=(1, 1)),
-        "limits must be two numbers",
+        "limits must be two finite numbers",
     ),
     "NaN limits": (
         lambda: plot_function(BALL, VALUES, limits=(np.nan, 1)),
-        "limits must be two numbers",
+        "limits must be two finite numbers",
     ),
-    "one limit": (lambda: plot_function(BALL, VALUES, limits=3), "limits must be two numbers"),
+    "one limit": (
+        lambda: plot_function(BALL, VALUES, limits=3),
+        "limits must be two finite numbers",
+    ),
     "colour map": (
         lambda: plot_function(BALL, VALUES, cmap="nope"),
-        "cmap must be the name of a colour map",
+        "cmap must be the name of a matplotlib colour map",
     ),
     "camera": (lambda: plot_function(BALL, VALUES, camera="z"), "camera must be a Camera"),
     "flat": (
@@ -166,7 +169,7 @@ CALLS = {
     ),
     "nothing saved": (
         lambda: save_model(None, "a.skops"),
-        "A learner, a pipeline or a transformer is saved",
+        "model must be a learner, a pipeline or a transformer",
     ),
     "text for trusted": (
         lambda: load_model("a.skops", trusted="abc"),
@@ -199,7 +202,7 @@ def _fits(**parameters):
         ),
         (_fits(weighting=[[1]] * 105), "labels of weighting must be strings or numbers"),
         (_fits(regularizer=lambda a, b: np.full((len(a), len(b)), 1j)), "finite real values"),
-        (_fits(reference=np.array(["a", "b"])), "reference must be the name of a shape"),
+        (_fits(reference=np.array(["a", "b"])), "reference must be 'first'"),
         (
             lambda p, t, make: BridgedLearner(make(), through=3).fit(p[:3], t[:3]),
             "through must be 'auto' or the name of a training shape; got 3",
@@ -244,12 +247,12 @@ def test_scores_and_matches_say_what_is_wrong_in_their_own_words(fitted, probed,
         match.transfer(np.arange(500.0), max_error="a")
     with pytest.raises(ValueError, match="max_error must be a number"):
         match.transfer(np.arange(500.0), max_error=np.nan)
-    with pytest.raises(TypeError, match="labels that are all text"):
+    with pytest.raises(TypeError, match="labels that are strings"):
         match.transfer([None] * 500)
     with pytest.raises(ValueError, match=re.escape("got shape (500, 0)")):
         match.transfer(np.zeros((500, 0), dtype=int))
     assert match.transfer(pd.Series(["leg"] * 500)).tolist() == ["leg"] * len(match.p2p)
-    with pytest.raises(ValueError, match="show must hold one at least"):
+    with pytest.raises(ValueError, match="show must be a list of at least one"):
         plot_matches([match], collection.meshes[5:], collection.meshes[0], show=())
     assert np.isnan(CURVE.mean("direct"))
     assert coverage([0, 0], [1.0, 1.0]) == 0.5

@@ -47,7 +47,9 @@ def test_shapes_must_go_together_to_be_learned_from(probed, probe, collection):
     with pytest.raises(ValueError, match=r"X\[1\] \('body0'\) has 30 eigenfunctions, fewer than"):
         check_shapes(given, 31)
     (other,) = probe(collection.meshes[2:3], "paper")
-    with pytest.raises(ValueError, match=r"X\[3\] \('body2'\) has other probe functions than the"):
+    with pytest.raises(
+        ValueError, match=r"X\[3\] \('body2'\) has different probe functions from the"
+    ):
         check_shapes([*given, other], 12)
 
 
@@ -59,7 +61,7 @@ def test_new_shapes_keep_their_index_beside_those_that_are_skipped(probed):
     assert sorted(usable.skipped) == [0, 2]
     strange = replace(probed[1], recipe=("another",) * len(probed[1].recipe))
     with pytest.raises(
-        ValueError, match=r"X\[0\] \('body1'\) were made with other parameters.*train"
+        ValueError, match=r"X\[0\] \('body1'\) were computed with different parameters.*train"
     ):
         check_new_shapes([strange], probed[0], 12)
 

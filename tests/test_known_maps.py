@@ -222,7 +222,7 @@ def test_exchanged_landmarks_are_named(creatures, few):
     first, second = sorted(points[:2])
     order = f"point {first} and point {second}", f"point {second} and point {first}"
     assert any(
-        f"swapped, as the others put each at the other's place: {one} of" in message
+        f"swapped, because the others put each at the other's place: {one} of" in message
         for one in order
     )
     assert shapes[2].name in message

@@ -334,8 +334,8 @@ def test_a_repair_says_what_it_did(creature):
     assert {fault.level for fault in report.faults} <= {"mended", "note"}
     repair = repair_mesh(broken)
     n_lost = BALL.n_vertices + 2
-    assert repair.done[0] == "parted the surface at 1 edges with more than two faces"
-    assert repair.done[1].startswith("kept the largest of 3 pieces, 99.")
+    assert repair.done[0] == "separated the surface at 1 edges with more than two faces"
+    assert repair.done[1].startswith("kept the largest of 3 components, 99.")
     assert repair.done[2].startswith(f"removed {n_lost} vertices that no face used")
     assert len(repair.done) == 3
     np.testing.assert_array_equal(repair.mesh.faces, faces)

@@ -229,10 +229,10 @@ def test_a_mesh_in_the_place_of_its_distances_is_told_apart(sphere, truth):
     p2p = np.arange(sphere.n_vertices)
     with pytest.raises(
         TypeError,
-        match=r"A GeodesicDistances is expected here; got Mesh. GeodesicDistances\(mesh\)",
+        match=r"Expected a GeodesicDistances; got Mesh\. Create it with GeodesicDistances\(mesh\)",
     ):
         geodesic_error(p2p, truth, truth, sphere)
-    with pytest.raises(TypeError, match="A Correspondence is expected here; got ndarray"):
+    with pytest.raises(TypeError, match="Expected a Correspondence; got ndarray"):
         geodesic_error(p2p, truth, truth.pairs, GeodesicDistances(sphere))
 
 
@@ -357,7 +357,7 @@ def test_distances_from_what_is_no_vertex_are_refused(method):
             distances.between(points, sources)
     with pytest.raises(ValueError, match="one source for each point"):
         distances.between([0, 1], [0])
-    with pytest.raises(ValueError, match="1-D array of vertex numbers"):
+    with pytest.raises(ValueError, match="1-D array of vertex indices"):
         distances.between([0.5], [0])
     assert len(distances.between([], [])) == 0
     two = Mesh(
@@ -366,5 +366,5 @@ def test_distances_from_what_is_no_vertex_are_refused(method):
     )
     loose = Mesh(np.concatenate([ball.vertices, [[9.0, 9, 9]]]), ball.faces)
     for mesh in (two, loose, Mesh(np.zeros((3, 3)), [[0, 1, 2]])):
-        with pytest.raises(MeshError, match="No distances are defined"):
+        with pytest.raises(MeshError, match="Distances are not defined"):
             GeodesicDistances(mesh, method).between([1], [0])

@@ -45,7 +45,7 @@ def test_a_match_shows_both_shapes_and_its_numbers(match):
     shown = match._repr_html_()
     assert _picture(shown).shape[1] > 1.5 * _picture(match.mesh._repr_html_()).shape[1]
     assert "body5 → body0" in shown
-    assert f"{match.expected_error.mean():.3f} sqrt(area)" in shown
+    assert f"mean {match.expected_error.mean():.3f}, 90th percentile" in shown
     assert plt.get_fignums() == before  # a notebook would show pyplot's a second time
 
 
@@ -72,7 +72,7 @@ def test_a_collection_shows_its_shapes():
         correspondences=creatures.correspondences,
         names=["cat0", "gone"],
     )
-    assert "left out" in left_out._repr_html_()
+    assert "skipped" in left_out._repr_html_()
 
 
 def test_where_there_is_no_picture_the_numbers_are_shown(match, collection, monkeypatch):
@@ -82,7 +82,7 @@ def test_where_there_is_no_picture_the_numbers_are_shown(match, collection, monk
     flat = Mesh(np.zeros((3, 3)), [[0, 1, 2]])._repr_html_()
     assert "no area" in flat
     lost = replace(_laid(collection.meshes[0]), vertices=np.full((500, 3), np.nan))
-    assert "was left out" in lost._repr_html_()
+    assert "was skipped" in lost._repr_html_()
     usual = builtins.__import__
 
     def without(name, *rest):
@@ -112,7 +112,7 @@ def test_pages_are_shown_in_a_frame_and_saved(match, tmp_path):
     assert shown.count('"') == 8  # four attributes: the page within is escaped
     assert f'width="{page.width}"' in shown
     assert page.save(tmp_path / "match.html").read_text(encoding="utf-8") == page.html
-    with pytest.raises(ValueError, match=r"an \.html file"):
+    with pytest.raises(ValueError, match=r"must end in \.html"):
         page.save(tmp_path / "match.png")
     assert "expected error" in matches_page([match]).html
     mesh = match.mesh

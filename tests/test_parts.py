@@ -156,7 +156,7 @@ def test_an_override_is_checked_and_learns_nothing(make_learner, probed, collect
         np.testing.assert_array_equal(learner.match(probed[5:], refine=same)[0].p2p, fitted.p2p)
     other = make_learner(n_functions=8, confidence=None).fit(probed[:3], collection.truths[:3])
     with pytest.raises(
-        ValueError, match=r"AllAlike\(\) learns from training shapes: give it to the"
+        ValueError, match=r"AllAlike\(\) learns from training shapes; give it to the"
     ):
         other.match(probed[5:], refine=AllAlike())
 
@@ -209,7 +209,8 @@ def test_a_confidence_of_ones_own_plugs_in(make_learner, probed, collection):
     ):
         _ = learner.error_models_
     with pytest.raises(
-        ValueError, match=r"through='auto' compares expected errors.*Flat\(\) knows none"
+        ValueError,
+        match=r"through='auto' compares expected errors.*Flat\(\) of the learner does not provide",
     ):
         skfmap.BridgedLearner(learner).fit(probed[:4], collection.truths[:4])
     through = skfmap.BridgedLearner(learner, through="body2").fit(probed[:4], collection.truths[:4])
@@ -241,7 +242,7 @@ class TooMany(Refinement):
     ("refine", "told"),
     [
         (Nothing(), r"refine\(\) of Nothing\(\) must return a PointMatch.*got NoneType"),
-        (TooMany(), r"at most the 30 functions that SpectralBasis holds; got shapes \(31, 31\)"),
+        (TooMany(), r"at most 30 \(the functions of SpectralBasis\); got shapes \(31, 31\)"),
     ],
 )
 def test_what_a_refinement_of_ones_own_does_wrong_is_told(fitted, probed, refine, told):

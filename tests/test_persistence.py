@@ -132,7 +132,7 @@ def test_a_file_with_strange_things_in_it_is_refused_before_it_is_loaded(tmp_pat
     path = tmp_path / "model.skops"
     save_model(FunctionTransformer(subprocess.run), path)
     with pytest.raises(
-        TypeError, match=r"not part of a model of skfmap: .*FunctionTransformer, subprocess\.run"
+        TypeError, match=r"not part of a skfmap model: .*FunctionTransformer, subprocess\.run"
     ):
         load_model(path)
     save_model(FunctionProbes(height), path)

@@ -251,23 +251,29 @@ def test_matched_shapes_are_turned_to_face_as_the_reference_does(matched):
             lambda m, s, r: plot_function(s[0], np.ones(3)),
             "for each of the 380 vertices of mesh 'body5'",
         ),
-        (lambda m, s, r: plot_function(s[0], ["a"] * 380), "must hold a number"),
-        (lambda m, s, r: plot_functions(s, []), "1 meshes and 0 functions"),
+        (lambda m, s, r: plot_function(s[0], ["a"] * 380), "must hold one number"),
+        (lambda m, s, r: plot_functions(s, []), "1 meshes and functions for 0"),
         (
             lambda m, s, r: plot_functions(s, [np.ones(380)], captions="body"),
-            "captions must hold a text for each",
+            "captions must be a list of",
         ),
         (
             lambda m, s, r: plot_functions([s[0], s[0]], [np.ones(380), np.ones((380, 2))]),
-            "as many functions",
+            "the same number of functions",
         ),
-        (lambda m, s, r: plot_functions(s, [np.ones((380, 0))]), "no function on mesh 'body5'"),
+        (
+            lambda m, s, r: plot_functions(s, [np.ones((380, 0))]),
+            "no function to draw on mesh 'body5'",
+        ),
         (lambda m, s, r: plot_functions(s, [1.0]), "for each of the 380 vertices"),
         (lambda m, s, r: plot_matches(m, [], r), "one mesh per match"),
         (lambda m, s, r: plot_matches(m, [r], r), "in the order of the matches"),
         (lambda m, s, r: plot_matches(m, s, r, show=["error"]), "show must be one of"),
-        (lambda m, s, r: plot_matches(m, s, r, show=["true error"]), "shown if errors are given"),
-        (lambda m, s, r: plot_matches(m, s, r, errors=[]), "0 errors and 1 matches"),
+        (
+            lambda m, s, r: plot_matches(m, s, r, show=["true error"]),
+            "To show true errors, give errors",
+        ),
+        (lambda m, s, r: plot_matches(m, s, r, errors=[]), "errors of 0 and 1 matches"),
     ],
 )
 def test_pictures_say_what_does_not_fit(matched, draw, message):
@@ -295,7 +301,7 @@ def test_weights_are_drawn_by_category(fitted, model):
         "function",
         "pipeline",
     ]
-    with pytest.raises(ValueError, match="each of the 3 probes"):
+    with pytest.raises(ValueError, match="each of the 3 probe functions"):
         WeightsDisplay([1.0], ["a"] * 3).plot()
 
 
@@ -349,7 +355,7 @@ def test_reliability_is_the_mean_error_of_equal_bins():
     x, y = display.line_.get_data()
     np.testing.assert_allclose(x, expected.reshape(4, 25).mean(axis=1))
     np.testing.assert_allclose(y, 2 * x)
-    with pytest.raises(ValueError, match="equally long"):
+    with pytest.raises(ValueError, match="of the same length"):
         ReliabilityDisplay.from_predictions(expected, expected[:5])
 
 
@@ -491,7 +497,7 @@ def test_pages_escape_names(tmp_path):
 
 @pytest.mark.parametrize(
     ("path", "n_shapes", "message"),
-    [("page.png", 1, "A page is an .html file"), ("page.html", 13, "at most 12 shapes")],
+    [("page.png", 1, "must end in .html"), ("page.html", 13, "at most 12 shapes")],
 )
 def test_pages_say_what_they_cannot_do(tmp_path, path, n_shapes, message):
     sphere = make_sphere(n_subdivisions=1)

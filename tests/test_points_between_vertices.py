@@ -187,8 +187,8 @@ def test_missing_landmarks_have_no_pair_and_keep_the_numbers_of_others():
             lambda p: p * [-0.001, -0.001, 0.001],
             r"multiplied by 1000 .* and with x and y negated",
         ),
-        (lambda p: p + 7, "Another specimen's file, or a mesh that was moved"),
-        (lambda p: p * 7, r"span .* times its extent\. Another specimen's file"),
+        (lambda p: p + 7, "Check that the file belongs to this specimen, and that the mesh"),
+        (lambda p: p * 7, r"span .* times its extent\. Check that the file belongs"),
     ],
 )
 def test_points_that_lie_off_the_mesh_are_an_error_with_the_likely_reason(
@@ -217,7 +217,7 @@ def test_one_point_far_off_is_named_and_may_be_allowed(collection):
     points = on_faces(mesh, 13)
     points[4] += 3 * points[4] / np.linalg.norm(points[4])
     names = [f"point {t}" for t in range(13)]
-    with pytest.raises(CorrespondenceError, match=r"Of shape 'body0'.*20%.*: 'point 4' \("):
+    with pytest.raises(CorrespondenceError, match=r"of shape 'body0'.*20%.*: 'point 4' \("):
         Correspondence.from_points(points, mesh, names)
     assert len(Correspondence.from_points(points, mesh, names, max_distance=5).pairs) == 13
     points[4] = np.nan
@@ -228,7 +228,7 @@ def test_what_is_no_mesh_or_no_points_is_refused():
     sphere = make_sphere(1)
     with pytest.raises(TypeError, match=r"got str\. Read files with skfmap\.io\.read_mesh"):
         Correspondence.from_points([[0, 0, 1]], "sphere.ply")
-    with pytest.raises(CorrespondenceError, match="names of their own"):
+    with pytest.raises(CorrespondenceError, match="already have names"):
         Correspondence.from_points(Landmarks([[0, 0, 1]]), sphere, ["north"])
     with pytest.raises(ValueError, match="max_distance"):
         Correspondence.from_points([[0, 0, 1]], sphere, max_distance=-1)
@@ -248,10 +248,10 @@ def test_what_is_no_mesh_or_no_points_is_refused():
         ({"places": ([[0, 1, 2]], [[1.5, -0.5, 0]])}, "must be non-negative"),
         ({"places": ([[0, 1]], [[1, 0, 0]])}, "integers of shape"),
         ({"places": ([[0, 1, -2]], [[1, 0, 0]])}, "negative index"),
-        ({"places": ([[0, 1, 2]], [[0.2, 0.5, 0.3]])}, "most weight at another corner"),
-        ({"names": "nose"}, "sequence of texts"),
-        ({"names": 5}, "sequence of texts"),
-        ({"names": ["nose", "nose"]}, "have one name: nose"),
+        ({"places": ([[0, 1, 2]], [[0.2, 0.5, 0.3]])}, "its largest weight at another corner"),
+        ({"names": "nose"}, "sequence of strings"),
+        ({"names": 5}, "sequence of strings"),
+        ({"names": ["nose", "nose"]}, "have the same name: nose"),
         ({"names": []}, "There are 0 names"),
         ({"coordinates": [[0, 0, np.nan]]}, "coordinates must be finite"),
         ({"distance": [1, 2]}, r"distance must be finite, of shape \(1,\)"),
@@ -283,9 +283,9 @@ def test_the_symmetric_answer_is_joined_by_name_too():
 
 def test_names_that_cannot_be_joined_are_an_error_that_tells_them():
     named = Correspondence([[1, 0]], names=["nose"])
-    with pytest.raises(CorrespondenceError, match=r"one names .*nose.* the other does not"):
+    with pytest.raises(CorrespondenceError, match=r"names .*nose.* the other does not"):
         named.join(Correspondence([[1, 0]]))
-    with pytest.raises(CorrespondenceError, match=r"one names .*nose.* the other does not"):
+    with pytest.raises(CorrespondenceError, match=r"names .*nose.* the other does not"):
         Correspondence([[1, 0]]).join(named)
     with pytest.raises(CorrespondenceError, match="in common: nose against chin, ear"):
         named.join(Correspondence([[1, 0]], names=["chin", "ear"]))
@@ -319,7 +319,7 @@ def test_restriction_takes_names(named):
     np.testing.assert_array_equal(some.distance, truth.restrict(numbers).distance)
     assert truth.restrict("L3").known_names == ("L3",)
     assert set(truth.restrict(np.array(["L3", "L7"], dtype=object)).known_names) == {"L3", "L7"}
-    with pytest.raises(CorrespondenceError, match="called ear; there are L"):
+    with pytest.raises(CorrespondenceError, match=r"called ear\. The names are L"):
         truth.restrict(["ear"])
     with pytest.raises(CorrespondenceError, match="have no names"):
         Correspondence([[1, 0]]).restrict(["ear"])

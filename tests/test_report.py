@@ -69,7 +69,7 @@ def test_the_reference_of_the_model_is_kept_wherever_it_stands(
 
 
 def test_a_collection_without_the_reference_is_refused(fitted, probed, collection):
-    with pytest.raises(ValueError, match="does not hold the model's reference, shape 'body0'"):
+    with pytest.raises(ValueError, match="does not contain the model's reference, shape 'body0'"):
         evaluate(fitted, probed[1:5], collection.truths[1:5])
 
 
@@ -99,10 +99,10 @@ def test_the_page_is_whole_and_holds_what_it_shows(
     for heading in (
         "Can it be trusted?",
         "Worst matches",
-        "What maps stably",
+        "Stable functions",
         "Weights",
         "Collection",
-        "How it was",
+        "How the model was",
     ):
         assert heading in texts
     for errors in evaluation.errors:
@@ -115,7 +115,7 @@ def test_the_page_is_whole_and_holds_what_it_shows(
 
 def test_a_model_alone_has_a_page_too(model, tmp_path):
     text = write_report(model, tmp_path / "report.html").read_text(encoding="utf-8")
-    assert "No shape was left out for this page" in text
+    assert "This page was written without cross-validation" in text
     assert "Worst matches" not in text
 
 
@@ -132,7 +132,7 @@ def test_names_are_escaped(fitted, tmp_path, evaluation):
 
 
 def test_half_of_the_data_or_no_model_is_refused(fitted, probed, tmp_path):
-    with pytest.raises(ValueError, match="Give X and y together"):
+    with pytest.raises(ValueError, match="Give both X and y"):
         write_report(fitted, tmp_path / "r.html", probed[:5])
     with pytest.raises(NotFittedError, match="not fitted yet"):
         write_report(WeightedFunctionalMapLearner(), tmp_path / "r.html")
@@ -168,25 +168,25 @@ def _told(fitted, evaluation, errors, symmetric=None, naive=()):
         ([0.02] * 4, {}, "good", "2.0 % of sqrt"),
         ([0.07] * 4, {}, "doubtful", "7.0 % of sqrt"),
         ([0.3] * 4, {}, "bad", "30.0 % of sqrt"),
-        ([0.02, 0.02, 0.02, 0.2], {}, "doubtful", "body4 stands out"),
+        ([0.02, 0.02, 0.02, 0.2], {}, "doubtful", "body4 has more than 2.5 times"),
         (
             [0.3, 0.02, 0.02, 0.02],
             {"symmetric": [0.02] * 4},
             "bad",
-            "Left is taken for right on 1 of 4 shapes: body1",
+            "Left and right are exchanged on 1 of 4 shapes: body1",
         ),
-        ([0.02] * 4, {"symmetric": [0.3] * 4}, "good", "told apart on every shape"),
+        ([0.02] * 4, {"symmetric": [0.3] * 4}, "good", "distinguished on every shape"),
         (
             [0.02] * 4,
             {"naive": [0.05] * 4},
             "good",
-            "Without learned weights the error would be 5.0 %",
+            "with learned weights and 5.0 % without them",
         ),
         (
             [0.05] * 4,
             {"naive": [0.02] * 4},
             "doubtful",
-            "Without learned weights the error would be 2.0 %",
+            "with learned weights and 2.0 % without them",
         ),
         ([0.9] * 4, {}, "doubtful", "too low"),
         ([0.0001] * 4, {}, "doubtful", "too high"),
@@ -202,8 +202,8 @@ def test_a_model_says_what_it_knows_of_itself(fitted, make_learner, probed, coll
     with pytest.warns(match="did not converge"):
         hasty = make_learner(max_iter=1, tol=0).fit(probed[:2], collection.truths[:2])
     texts = [text for level, text in findings_of_model(hasty) if level == "doubtful"]
-    assert any("before it converged" in text for text in texts)
-    assert any("Only one shape beside the reference" in text for text in texts)
+    assert any("without converging" in text for text in texts)
+    assert any("only one training shape besides the reference" in text for text in texts)
     at_bounds = np.exp(np.full(len(hasty.weights_), 7.0))
     hasty.matcher_ = replace(hasty.matcher_, weights=at_bounds)
     assert any(

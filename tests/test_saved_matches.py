@@ -142,7 +142,7 @@ def test_a_match_is_drawn_from_itself_alone(match, collection):
 
 
 def test_matches_to_several_references_are_not_drawn_together(match, turned):
-    with pytest.raises(ValueError, match="several references"):
+    with pytest.raises(ValueError, match="different references"):
         skfmap.plotting.plot_matches([match, turned])
 
 
@@ -163,6 +163,30 @@ def test_names_that_no_file_can_have_are_changed(turned, tmp_path):
     for name, stem in {"a/b\\c:d": "a_b_c_d", "one\ntwo\0three": "one_two_three"}.items():
         paths = replace(turned, name=name).save(tmp_path)
         assert {path.stem for path in paths} == {stem}
+
+
+def test_long_names_are_cut_and_stay_apart(turned, tmp_path):
+    written = [
+        replace(turned, name="ö" * 150 + end).save(tmp_path, landmarks=marks)
+        for end in "ab"
+        for marks in [Landmarks(turned.reference_mesh.vertices[:1], ["nose"])]
+    ]
+    assert len({path.name for paths in written for path in paths}) == 14
+    assert all(path.is_file() and path.name.startswith("ö" * 90) for path in written[0])
+    with pytest.raises(ValueError, match=r"A name of 304 letters.*give a shorter"):
+        turned.save(tmp_path / f"{'x' * 300}.csv")
+    with pytest.raises(ValueError, match=r"A name of 304 letters.*give a shorter"):
+        write_mesh(turned.mesh, tmp_path / f"{'x' * 300}.ply")
+
+
+def test_what_cannot_be_written_leaves_no_empty_folder(match, tmp_path):
+    unknown = replace(match, given=None)
+    with pytest.raises(ValueError, match="mesh"):
+        unknown.save(tmp_path / "out")
+    assert not (tmp_path / "out").exists()
+    (tmp_path / "file").write_text("")
+    with pytest.raises(NotADirectoryError, match=r"is a file. Give a folder"):
+        match.save(tmp_path / "file")
 
 
 def test_a_table_has_a_line_for_each_vertex(match, tmp_path):
@@ -265,7 +289,7 @@ def test_landmarks_without_a_match_are_missing(turned, tmp_path):
 
 def test_what_cannot_be_saved_is_told(turned, tmp_path):
     marks = Landmarks(turned.reference_mesh.vertices[:1] + 50, ["a"])
-    with pytest.raises(CorrespondenceError, match="are they its own"):
+    with pytest.raises(CorrespondenceError, match="Check that they belong to it"):
         turned.save(tmp_path / "ball.fcsv", landmarks=marks)
     with pytest.raises(ValueError, match=r"landmarks=skfmap\.io\.read_landmarks"):
         turned.save(tmp_path / "ball.fcsv")
@@ -273,7 +297,7 @@ def test_what_cannot_be_saved_is_told(turned, tmp_path):
         turned.save(tmp_path / "ball.xyz")
     with pytest.raises(FileNotFoundError, match="no folder"):
         turned.save(tmp_path / "nowhere" / "ball.csv")
-    with pytest.raises(ValueError, match="uv and texture together"):
+    with pytest.raises(ValueError, match="Give both uv and texture"):
         turned.save(tmp_path / "ball.glb", uv=np.zeros((3, 2)))
     far = Mesh(turned.mesh.vertices + 1e7, turned.mesh.faces)
     with pytest.raises(ValueError, match="single precision"):

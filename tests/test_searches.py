@@ -434,13 +434,13 @@ def test_a_search_takes_several_scores(make_learner, probed, collection):
 @pytest.mark.parametrize(
     ("names", "message"),
     [
-        ((), "each once"),
-        (["neg_geodesic_error"] * 2, "each once"),
+        ((), "distinct names"),
+        (["neg_geodesic_error"] * 2, "distinct names"),
         (["accuracy"], "must be one of"),
     ],
 )
 def test_several_scores_are_named_each_once(names, message):
     with pytest.raises(ValueError, match=message):
         multi_scorer(*names)
-    with pytest.raises(ValueError, match="takes no reference_y"):
+    with pytest.raises(ValueError, match="does not take reference_y"):
         multi_scorer("neg_landmark_error", reference_y=[[0, 0]])

@@ -20,7 +20,7 @@ _WRONG = {
         lambda t: Correspondence.from_vertices(np.zeros(7, dtype=int)),
         "was made for 7 vertices",
     ),
-    "unknown everywhere": (lambda t: Correspondence.from_template([-1] * 300), "holds no pairs"),
+    "unknown everywhere": (lambda t: Correspondence.from_template([-1] * 300), "has no pairs"),
     "fewer than k": (lambda t: t.restrict(np.arange(5)), "too few for n_functions=12"),
     "of another template": (
         lambda t: Correspondence(np.add(t.pairs, [0, 900])),
@@ -44,7 +44,7 @@ def test_a_correspondence_that_does_not_fit_is_refused_or_skipped(
     alone = make_learner().fit([probed[i] for i in rest], [collection.truths[i] for i in rest])
     np.testing.assert_array_equal(learner.weights_, alone.weights_)
     first = [change(collection.truths[0]), *collection.truths[1:5]]
-    nothing = "reference, X.0. .'body0'., cannot be used|at least two shapes"
+    nothing = "reference, X.0. .'body0'., cannot be used|at least two usable shapes"
     with pytest.raises((MeshError, ValueError), match=nothing):
         make_learner(on_invalid="skip").fit(probed[:5], first)
 
@@ -113,16 +113,18 @@ def test_a_reference_that_cannot_be_used_is_refused(probed, collection):
         MeshError, match=r"The reference, X\[0\] \('broken'\), cannot be used: It has"
     ):
         _samples([broken, *probed[1:4]], collection.truths[:4], on_invalid="skip")
-    with pytest.raises(MeshError, match=r"No shape can be used: It has no faces\. All others"):
+    with pytest.raises(MeshError, match=r"No shape can be used\. The first: It has no faces"):
         _samples([broken] * 2, collection.truths[:2], on_invalid="skip", reference="medoid")
 
 
 def test_there_must_be_something_to_learn_from(probed, collection):
     with pytest.raises(
-        ValueError, match="at least two shapes: the reference and one to learn from"
+        ValueError, match="at least two usable shapes, the reference and one to learn from"
     ):
         _samples(probed[:1], collection.truths[:1])
-    with pytest.raises(ValueError, match="sample_weight is zero for every shape but the reference"):
+    with pytest.raises(
+        ValueError, match="sample_weight is zero for every shape except the reference"
+    ):
         _samples(probed[:3], collection.truths[:3], sample_weight=[1, 0, 0])
     labels = OPTIONS._replace(weighting=lambda names, categories: "one text")
     with pytest.raises(TypeError, match="weighting must return one label for each probe; it"):

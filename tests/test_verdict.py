@@ -48,7 +48,7 @@ def test_equal_expected_errors_tell_nothing(noise):
     true = np.linspace(0.0, 0.1, N)
     level, text = _order(0.05 * (1 + noise * np.arange(N) / N), true)
     assert level == "doubtful"
-    assert "the same everywhere: they tell nothing" in text
+    assert "the same everywhere, so they do not distinguish" in text
 
 
 @pytest.mark.parametrize("true", [np.zeros(N), np.full(N, 0.02)])
@@ -85,7 +85,9 @@ def test_a_correlation_of_few_points_may_be_chance():
 
 def test_the_trusted_half_is_what_the_sentence_says():
     expected, true = np.linspace(0.01, 0.02, N), np.repeat([0.01, 0.04], N // 2)
-    assert "trusted more is 1.0 % off, all are 2.5 % off" in _order(expected, true).text
+    assert (
+        "more trusted half of the points 1.0 %, of all points 2.5 %" in _order(expected, true).text
+    )
 
 
 def test_points_that_are_trusted_alike_are_one_half():
@@ -128,11 +130,11 @@ def test_one_shape_says_little():
 @pytest.mark.parametrize(
     ("direct", "symmetric", "level", "words"),
     [
-        (0.02, 0.3, "good", "told apart on every shape"),
-        (0.3, 0.02, "bad", "taken for right on 2 of 2 shapes"),
-        (0.45, 0.4, "doubtful", "cannot be told on 2 of 2 shapes: body0, body1"),
-        (0.02, 0.02, "doubtful", "cannot be told"),
-        (0.02, np.nan, "doubtful", "cannot be told"),
+        (0.02, 0.3, "good", "distinguished on every shape"),
+        (0.3, 0.02, "bad", "right are exchanged on 2 of 2 shapes"),
+        (0.45, 0.4, "doubtful", "are distinguished on 2 of 2 shapes: body0, body1"),
+        (0.02, 0.02, "doubtful", "It is unclear whether left and right"),
+        (0.02, np.nan, "doubtful", "It is unclear whether left and right"),
     ],
 )
 def test_sides_are_told_apart_only_where_one_fits_clearly_better(direct, symmetric, level, words):
@@ -145,10 +147,10 @@ def test_sides_are_told_apart_only_where_one_fits_clearly_better(direct, symmetr
 @pytest.mark.parametrize(
     ("before", "level", "words"),
     [
-        (0.030, "good", "with them it is 2.0 %."),
-        (0.0201, "doubtful", "no difference to speak of"),
-        (0.0199, "doubtful", "no difference to speak of"),
-        (0.0100, "doubtful", "more (weights help"),
+        (0.030, "good", "2.0 % with learned weights and 3.0 % without them."),
+        (0.0201, "doubtful", "they do not help"),
+        (0.0199, "doubtful", "they do not help"),
+        (0.0100, "doubtful", "they make it worse (good is"),
     ],
 )
 def test_weights_do_not_help_by_a_hair(before, level, words):
@@ -156,7 +158,7 @@ def test_weights_do_not_help_by_a_hair(before, level, words):
     found = next(
         one
         for one in _told(_evaluation(true, true, naive=[before] * 2))
-        if "Without learned" in one.text
+        if "with learned weights" in one.text
     )
     assert found.level == level
     assert words in found.text
@@ -164,9 +166,12 @@ def test_weights_do_not_help_by_a_hair(before, level, words):
 
 def test_nothing_stands_out_among_errors_below_an_edge():
     small = [np.full(N, e) for e in (0.0, 0.0, 0.0, 0.01)]
-    assert not any("stands out" in text for _, text in _told(_evaluation(small, small)))
+    assert not any("times the median error" in text for _, text in _told(_evaluation(small, small)))
     large = [*small[:3], np.full(N, 0.02)]
-    assert any("body3 stands out" in text for _, text in _told(_evaluation(large, large)))
+    assert any(
+        "body3 has more than 2.5 times the median" in text
+        for _, text in _told(_evaluation(large, large))
+    )
 
 
 @pytest.mark.parametrize("level", [0.0, 0.05])
@@ -185,7 +190,7 @@ def test_vertices_without_a_value_are_not_drawn():
     drawn = ReliabilityDisplay.from_predictions(holes, expected)
     kept = ReliabilityDisplay.from_predictions(expected[1::2], expected[1::2])
     np.testing.assert_allclose(drawn.line_.get_xydata(), kept.line_.get_xydata())
-    with pytest.raises(ValueError, match="known at 0 vertices only; 10 are needed"):
+    with pytest.raises(ValueError, match="known at only 0 vertices, but 10"):
         ReliabilityDisplay.from_predictions(np.full(N, np.nan), expected)
 
 

@@ -1,6 +1,8 @@
 """Checks at the package's boundary: arrays in, clean arrays or a clear error out."""
 
+import errno
 import numbers
+import os
 from collections.abc import Collection, Iterator, Sequence, Set
 from pathlib import Path
 from typing import Any
@@ -21,6 +23,7 @@ __all__ = [
     "check_faces",
     "check_folder",
     "check_index_range",
+    "check_length",
     "check_number",
     "check_pairs",
     "check_sample_weight",
@@ -35,6 +38,7 @@ __all__ = [
 # squared, and coordinates beyond the last make such areas.
 SMALLEST_AREA, LARGEST_AREA = 1e-150, 1e150
 LARGEST_COORDINATE = 1e75
+_SHOWN = 40  # letters of a long name that a message quotes
 
 
 def label(name: str | None, fallback: str = "mesh") -> str:
@@ -276,9 +280,24 @@ def check_sample_weight(sample_weight: object, n_shapes: int) -> FloatArray:
     return share
 
 
+def check_length(path: Path) -> None:
+    """Raise where a name is longer than the system takes."""
+    path = path.absolute()
+    try:
+        there = next(folder for folder in path.parents if os.path.isdir(folder))
+        (there / path.name).lstat()
+    except OSError as error:
+        if error.errno == errno.ENAMETOOLONG:
+            raise ValueError(
+                f"A name of {len(path.name)} letters, {path.name[:_SHOWN]!r} and so on, is longer "
+                "than this system takes; give a shorter one."
+            ) from error
+
+
 def check_folder(path: str | Path) -> Path:
-    """Return the path of a file to be written; raise unless its folder exists."""
+    """Return the path of a file to be written; raise unless its folder is there."""
     file = Path(path)
+    check_length(file)
     if not file.parent.is_dir():
         raise FileNotFoundError(f"There is no folder {file.parent} to write {file.name} to.")
     return file

@@ -1,6 +1,6 @@
-"""Kernels on arrays in a basis: functional maps, their learning, and stable functions.
+"""Kernels on arrays of coefficients: functional maps, how they are learned, and stable functions.
 
-They need numpy and scipy only.
+They depend on numpy and scipy only.
 """
 
 from skfmap.functional.eigenbasis import laplacian_eigenbasis

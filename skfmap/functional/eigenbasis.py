@@ -10,42 +10,46 @@ from skfmap._tools.types import FloatArray, IntArray, SparseMatrix
 
 __all__ = ["fix_signs", "laplacian_eigenbasis"]
 
-# The inverse is taken at this share of the eigenvalue that Weyl's law (4 pi n on a surface of unit
-# area) expects to be the last one wanted: from the middle of what is wanted, the last functions are
-# half as far as from below the first. 128 functions of a cat take 377 dimensions from below, 345,
-# 321, 281 and 281 from shares of 0.2, 0.3, 0.5 and 0.7.
+# The shift, as a fraction of the last eigenvalue wanted according to Weyl's law (4 pi n on a
+# surface of unit area). A shift in the middle of the spectrum wanted is half as far from the last
+# eigenvalues as a shift below the first. For 128 functions of a cat, the Krylov space needs 377
+# dimensions with a shift below the first, and 345, 321, 281 and 281 with fractions of 0.2, 0.3, 0.5
+# and 0.7.
 _SHARE = 0.5
-# Where more of the eigenvalues wanted lie below the shift than this share, as on a needle, it is
-# lowered.
+# If more than this fraction of the eigenvalues wanted lie below the shift, as on a needle, the
+# shift is lowered.
 _MOST_BELOW = 0.75
-# A pivot that is smaller, in parts of the shift, would cost more than six digits. The least of all
-# is 0.002 to 0.8 on cats and creatures.
+# A pivot smaller than this fraction of the shift would cost more than six digits. The smallest
+# pivot is 0.002 to 0.8 on cats and creatures.
 _LEAST_PIVOT = 1e-4
-# Vectors at a time share a triangular solve, but need more of them in all (docs/speed.rst,
-# "Bases"): of a cat, 128 functions take 1.8, 2.2 and 2.7 dimensions each by blocks of 1, 4 and 8.
+# Vectors per block. They share a triangular solve, but larger blocks need more vectors in all
+# (docs/speed.rst, "Bases"): 128 functions of a cat take 1.8, 2.2 and 2.7 dimensions each with
+# blocks of 1, 4 and 8.
 _BLOCK = 4
-# Error |K f - theta f| of a function of unit norm under the inverse K, in parts of |theta|, at
-# which it counts as found.
+# An eigenfunction f of unit norm counts as found when its error |K f - theta f| under the inverse K
+# is below this fraction of |theta|.
 _TOLERANCE = 1e-9
 # Smaller problems, and those that need a large part of all eigenfunctions, are solved as dense
-# ones. Random balls take as long either way for about 1/15 of all functions at 300 vertices, 1/4 at
-# 500 and 1/3 at 1,000 and 2,000.
+# ones. On random balls, both methods take equally long for about 1/15 of all functions at 300
+# vertices, 1/4 at 500 and 1/3 at 1,000 and 2,000.
 _SMALL = 300
 _LARGE_PART = 4
-# Dimensions of the Krylov space per function wanted: how many to begin looking at, and how many,
-# and some more, to give up at.
+# Dimensions of the Krylov space per function wanted: at the first convergence check, and at the
+# point of giving up (plus a constant).
 _FIRST_LOOK, _MOST, _SOME_MORE = 1.75, 8.0, 100
-# Dimensions per function wanted that bring one more digit, from which the next look is chosen: a
-# look at 250 dimensions takes as long as ten blocks on a mesh of 1,500 vertices. Cats and creatures
-# need 1/16.
+# Dimensions per function wanted that gain one more digit; they set when to check again. On a mesh
+# of 1,500 vertices a check at 250 dimensions takes as long as ten blocks. Cats and creatures need
+# 1/16.
 _PER_DIGIT = 1 / 16
-# The eigenvalue 0 to rounding, in parts of the shift; what is below it is no eigenvalue.
+# Rounding error of the eigenvalue 0, as a fraction of the shift; anything below is not an
+# eigenvalue.
 _ROUNDING_OF_NIL = 1e-6
-# Rows of a tall matrix that are multiplied at a time, so that a part of the product stays in the
-# cache: twice as fast as all at once.
+# Rows of a tall matrix that are multiplied at a time, so that part of the product stays in the
+# cache; this is twice as fast as all rows at once.
 _ROWS = 500
-# Share of the integral of |f|^3 below which that of f^3 is rounding: antisymmetric functions of a
-# symmetric ellipsoid leave 1e-12, its others 0.009, those of the cats 5e-5 and more.
+# The integral of f^3 counts as rounding below this fraction of the integral of |f|^3. The
+# antisymmetric functions of a symmetric ellipsoid have 1e-12, its other functions 0.009, and those
+# of the cats 5e-5 or more.
 _NIL_SKEWNESS = 1e-6
 
 
@@ -54,10 +58,10 @@ def laplacian_eigenbasis(
 ) -> tuple[FloatArray, FloatArray]:
     """Solve ``stiffness @ evecs = diag(mass) @ evecs @ diag(evals)`` for the smallest eigenvalues.
 
-    Block Lanczos on the inverse, shifted to the middle of the spectrum wanted, with full
-    orthogonalisation and fixed start vectors, so that every run returns the same result. For each
-    eigenvalue ``x`` and function ``f`` the norm of (stiffness + x mass)^-1 (stiffness - x mass) f,
-    by which ``f`` misses, is below 1e-8.
+    The method is block Lanczos on the inverse, shifted to the middle of the spectrum wanted, with
+    full orthogonalisation and fixed start vectors, so that every run returns the same result. The
+    residual norm of (stiffness + x mass)^-1 (stiffness - x mass) f is below 1e-8 for each
+    eigenvalue ``x`` and its function ``f``.
 
     Parameters
     ----------
@@ -66,14 +70,15 @@ def laplacian_eigenbasis(
     mass : ndarray of shape (n_vertices,)
         Lumped mass matrix of the surface at unit area, positive.
     n_components : int
-        Number of eigenfunctions, below ``n_vertices``.
+        Number of eigenfunctions, less than ``n_vertices``.
 
     Returns
     -------
     evals : ndarray of shape (n_components,)
-        Ascending, the first exactly 0.
+        Eigenvalues in ascending order; the first is exactly 0.
     evecs : ndarray of shape (n_vertices, n_components)
-        Mass-orthonormal; the first exactly constant and positive, the others with `fix_signs`.
+        Mass-orthonormal eigenfunctions. The first is exactly constant and positive; the signs of
+        the others are set by `fix_signs`.
 
     Raises
     ------
@@ -82,7 +87,7 @@ def laplacian_eigenbasis(
 
     Examples
     --------
-    A path of three vertices:
+    The Laplacian of a path of three vertices:
 
     >>> import numpy as np, scipy.sparse as sp
     >>> from skfmap.functional.eigenbasis import laplacian_eigenbasis
@@ -98,7 +103,8 @@ def laplacian_eigenbasis(
         symmetric = sp.csc_array(scale @ stiffness @ scale)
     if not np.isfinite(symmetric.data).all():
         raise np.linalg.LinAlgError(
-            "its Laplacian is not finite, as of faces without area or coordinates without digits"
+            "its Laplacian is not finite; it may have faces without area, or coordinates with too "
+            "few digits"
         )
     if len(mass) <= max(_SMALL, _LARGE_PART * n_components):
         evals, vectors = np.linalg.eigh(symmetric.toarray())
@@ -108,7 +114,7 @@ def laplacian_eigenbasis(
     evals, evecs = np.maximum(evals, 0.0), vectors / root[:, None]
     evals[0] = 0.0
     evecs[:, 0] = 1 / np.sqrt(mass.sum())
-    # Column by column in memory: fewer of them are a part that is contiguous as well.
+    # In column order, so that the first few functions are contiguous in memory too.
     return evals, np.asfortranarray(fix_signs(evecs, mass))
 
 
@@ -117,14 +123,14 @@ def _block_lanczos(
 ) -> tuple[FloatArray, FloatArray]:
     """Return the smallest eigenvalues of a matrix with a known null vector, and their vectors.
 
-    Eigenvalues ascend. A basis of the Krylov space of K = (A - shift)^-1 grows by a block at a
-    time, each one the part of K times the block before that is new.
+    Eigenvalues are in ascending order. The basis of the Krylov space of K = (A - shift)^-1 grows by
+    one block at a time: K times the last block, orthogonalised against all earlier ones.
     """
     n = len(null)
     shift, solver = _factorise(A, n_wanted)
     most = min(n - _BLOCK, int(_MOST * n_wanted) + _SOME_MORE)
-    # One block more than is looked at: the last one is written, but not used.
-    Q = np.empty((n, most + _BLOCK), order="F")  # columns are touched as they are needed
+    # One block more than is checked: the last one is written, but not used.
+    Q = np.empty((n, most + _BLOCK), order="F")  # memory is only touched as columns are filled
     Q[:, 0] = null / np.linalg.norm(null)
     block = np.random.default_rng(0).standard_normal((n, _BLOCK))
     Q[:, 1 : 1 + _BLOCK] = _orthonormal(block - np.outer(Q[:, 0], Q[:, 0] @ block))[0]
@@ -134,7 +140,7 @@ def _block_lanczos(
     for end in range(1 + _BLOCK, most + 1, _BLOCK):
         begin, is_last = end - _BLOCK, end + _BLOCK > most
         W = np.asarray(solver.solve(Q[:, begin:end]))
-        # K is symmetric: of the other blocks only rounding is left.
+        # K is symmetric, so products with all other blocks are rounding errors.
         near = slice(max(0, begin - _BLOCK), end)
         H[near, begin:end] = Q[:, near].T @ W
         H[begin:end, near] = H[near, begin:end].T
@@ -157,7 +163,7 @@ def _block_lanczos(
 
 
 def _factorise(A: SparseMatrix, n_wanted: int) -> tuple[float, SuperLU]:
-    """Return a shift in the middle of the smallest eigenvalues, and solve for A - shift."""
+    """Return a shift in the middle of the smallest eigenvalues, and the factors of A - shift."""
     shift = _SHARE * 4 * np.pi * n_wanted
     while True:
         solver = splu(
@@ -166,7 +172,7 @@ def _factorise(A: SparseMatrix, n_wanted: int) -> tuple[float, SuperLU]:
             diag_pivot_thresh=0.0,
             options={"SymmetricMode": True},
         )
-        # As many pivots are negative as eigenvalues lie below the shift (Sylvester).
+        # The number of negative pivots is the number of eigenvalues below the shift (Sylvester).
         pivots = solver.U.diagonal()
         n_below = np.count_nonzero(pivots < 0)
         if n_below > _MOST_BELOW * n_wanted:
@@ -178,13 +184,16 @@ def _factorise(A: SparseMatrix, n_wanted: int) -> tuple[float, SuperLU]:
 
 
 def _smallest(theta: FloatArray, shift: float) -> IntArray:
-    """Return where the eigenvalues shift + 1 / theta are that ascend from 0; theta ascends."""
+    """Return the indices that sort the eigenvalues shift + 1 / theta, from 0 upwards.
+
+    ``theta`` is in ascending order.
+    """
     below = np.flatnonzero(theta <= (_ROUNDING_OF_NIL - 1) / shift)
     return np.concatenate([below[::-1], np.flatnonzero(theta > 0)[::-1]])
 
 
 def _remove(W: FloatArray, Q: FloatArray) -> None:
-    """Take the part of W in the span of the orthonormal Q out of it."""
+    """Subtract from W, in place, its projection onto the span of the orthonormal Q."""
     parts = [slice(start, start + _ROWS) for start in range(0, len(W), _ROWS)]
     inside = sum(Q[part].T @ W[part] for part in parts)
     for part in parts:
@@ -199,9 +208,9 @@ def _orthonormal(block: FloatArray) -> tuple[FloatArray, FloatArray]:
 def fix_signs(evecs: FloatArray, mass: FloatArray) -> FloatArray:
     """Flip functions so that the integral of their cube is positive.
 
-    No renumbering of vertices changes that. Where the integral is nil to rounding (antisymmetric
-    functions), the entry of largest magnitude is made positive; of entries that are equal up to
-    rounding, as mirrored ones are, the first.
+    This sign does not depend on the numbering of the vertices. If the integral is zero up to
+    rounding (antisymmetric functions), the entry of largest magnitude is made positive. If several
+    entries are equal up to rounding, such as mirrored ones, the first decides.
     """
     cubes = evecs * evecs * evecs
     skewness, magnitude = mass @ cubes, mass @ np.abs(cubes)

@@ -1,4 +1,4 @@
-"""The embedding in which points are matched to their nearest neighbours."""
+"""The spectral embedding in which points are matched to their nearest neighbours."""
 
 import numpy as np
 
@@ -10,11 +10,12 @@ __all__ = ["spectral_embeddings"]
 def spectral_embeddings(
     evecs_i: FloatArray, evecs_0: FloatArray, C: FloatArray, functions: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Return the points of S_i and of S_0 in the space of the given functions.
+    """Return the vertices of S_i and of S_0, embedded by the values of the given functions.
 
-    A function f on S_0 is known on S_i as C f, and (C f)(x) = f(T x): a point x of S_i and its
-    image T x have the same values. So the point map T, from S_i to S_0, takes each row of the first
-    array to the nearest row of the second. This holds for any C and needs no mass matrix.
+    A function f on S_0 is pulled back to C f on S_i, and (C f)(x) = f(T x): a point x of S_i and
+    its image T x have the same values. The point map T, from S_i to S_0, therefore takes each row
+    of the first array to the nearest row of the second. This holds for any C and needs no mass
+    matrix.
 
     Parameters
     ----------
@@ -23,7 +24,7 @@ def spectral_embeddings(
     C : ndarray of shape (k, k)
         Functional map, from functions on S_0 to functions on S_i.
     functions : ndarray of shape (k, p)
-        Coefficients of functions on S_0: Y_p, or Y times weights.
+        Coefficients of functions on S_0: Y_p, or Y with scaled columns.
 
     Returns
     -------

@@ -1,6 +1,6 @@
-"""Equation (2): the functional map that best carries weighted probe functions.
+"""Equation (2): the functional map that best preserves the weighted probe functions.
 
-Beside the paper's two terms stands a floor under the regulariser, `DIAGONAL_FLOOR` = 1e-5.
+A floor under the regulariser, `DIAGONAL_FLOOR` = 1e-5, is added to the two terms of the paper.
 """
 
 import numpy as np
@@ -12,12 +12,12 @@ __all__ = ["MapEquation", "solve_functional_map"]
 
 
 class MapEquation:
-    """Equation (2), factorised once for every right-hand side.
+    """Equation (2), factorised once for all right-hand sides.
 
     Parameters
     ----------
     probes_0 : ndarray of shape (k, n_probes)
-        Coefficients of the probe functions on S_0, centred (row 0 is nil) and scaled.
+        Coefficients of the probe functions on S_0, centred (row 0 is zero) and scaled.
     penalty : ndarray of shape (k, k)
         alpha (W * W + floor), from `skfmap.functional.penalty_of`.
     weights : ndarray of shape (n_probes,)
@@ -37,7 +37,10 @@ class MapEquation:
         return C
 
     def objective(self, C: FloatArray, probes_i: FloatArray) -> float:
-        """Return equation (2) at ``C``; at X_i(D), how badly the shape fits what was learned."""
+        """Return the value of equation (2) at ``C``.
+
+        At X_i(D) it measures how badly the shape fits what was learned.
+        """
         residual = (C @ self.probes_0 - probes_i) * self.weights
         return float(
             np.square(residual).sum() + (self.penalty[1:, 1:] * np.square(C[1:, 1:])).sum()
@@ -52,14 +55,15 @@ def solve_functional_map(
     .. math:: X_i(D) = \arg\min_C \|(C G_0 - G_i) D\|_F^2
               + \alpha \sum_{k, l \geq 1} (W_{kl}^2 + \delta)\, C_{kl}^2, \qquad \delta = 10^{-5}
 
-    The paper has no delta. It makes the minimum unique: where W vanishes (eigenvalues that agree)
-    and no weighted probe sees a function, the other terms leave the entry open. Constants map to
-    constants: the first column is e_0 exactly. The rows decouple, each a system of k - 1 unknowns.
+    The paper has no delta. It makes the minimum unique: the other terms leave an entry undetermined
+    if W vanishes (equal eigenvalues) and no weighted probe has a component along the function.
+    Constants map to constants: the first column is exactly e_0. The rows decouple into systems of
+    k - 1 unknowns each.
 
     Parameters
     ----------
     probes_0, probes_i : ndarray of shape (k, n_probes)
-        Coefficients of the probe functions on S_0 and S_i, centred (row 0 is nil) and scaled.
+        Coefficients of the probe functions on S_0 and S_i, centred (row 0 is zero) and scaled.
     penalty : ndarray of shape (k, k)
         alpha (W * W + delta), from `skfmap.functional.penalty_of`.
     weights : ndarray of shape (n_probes,)
@@ -68,8 +72,8 @@ def solve_functional_map(
     Returns
     -------
     C : ndarray of shape (k, k)
-        Functional map: pulls functions on S_0 back to S_i. Column j is the image of eigenfunction j
-        of S_0.
+        Functional map, which pulls functions on S_0 back to S_i. Column j is the image of
+        eigenfunction j of S_0.
 
     Examples
     --------

@@ -1,4 +1,4 @@
-"""Functional maps to start from, where a few landmarks are known and the rest is not."""
+"""Initial functional maps from a few landmarks."""
 
 import numpy as np
 
@@ -12,17 +12,17 @@ __all__ = ["heat_around", "map_from_landmarks"]
 # The figures below are mean errors, in sqrt(area) along edges, of maps of 15 functions between
 # five of TOSCA's cats and the sixth.
 #
-# Times at which heat has spread around a landmark, on shapes of unit area.
+# Diffusion times of the heat around a landmark, on shapes of unit area.
 _TIMES = (0.003, 0.01, 0.03, 0.1)
-# Weight of all landmarks beside all probes, before squaring. From 13 landmarks: 0.215 with 0 (the
-# probes alone), 0.078 with 1, 0.047 with 3, 0.041 with 10.
+# Weight of all landmarks relative to all probes, before squaring. With 13 landmarks: 0.215 for 0
+# (the probes alone), 0.078 for 1, 0.047 for 3, 0.041 for 10.
 _WEIGHT = 10.0
 # Strength of the regulariser: 1e-3 to 0.1 differ by less than 0.001.
 _ALPHA = 0.01
 
 
 def heat_around(evals: FloatArray, evecs_at: FloatArray) -> FloatArray:
-    """Return heat that has spread from points, at four times: functions that tell places apart.
+    """Return the heat that has spread from points at four times.
 
     Parameters
     ----------
@@ -34,7 +34,7 @@ def heat_around(evals: FloatArray, evecs_at: FloatArray) -> FloatArray:
     Returns
     -------
     ndarray of shape (k, 4 * n_points)
-        Coefficients; all points at the first time, then at the next.
+        Coefficients: all points at the first time, then all points at the next, and so on.
 
     Examples
     --------
@@ -54,10 +54,10 @@ def map_from_landmarks(
     probes_i: FloatArray,
     probes_0: FloatArray,
 ) -> FloatArray:
-    """Fit a functional map to few landmarks, and to unweighted probes for what these leave open.
+    """Fit a functional map to a few landmarks, and to unweighted probes for what these leave open.
 
-    Heat around each landmark is carried to heat around its partner, by equation (2): the rows of
-    the map decouple, and its regulariser expects an isometry.
+    The map is that of equation (2), which takes the heat around each landmark to the heat around
+    its counterpart: the rows decouple, and the regulariser favours isometries.
 
     Parameters
     ----------
@@ -66,12 +66,12 @@ def map_from_landmarks(
     at_i, at_0 : ndarray of shape (n_landmarks, k)
         Eigenfunctions at the landmarks.
     probes_i, probes_0 : ndarray of shape (k, n_probes)
-        Probe functions; there may be none.
+        Coefficients of the probe functions; ``n_probes`` may be 0.
 
     Returns
     -------
     C : ndarray of shape (k, k)
-        Functional map: pulls functions on S_0 back to S_i.
+        Functional map, which pulls functions on S_0 back to S_i.
     """
     heat_i, heat_0 = heat_around(evals_i, at_i), heat_around(evals_0, at_0)
     columns_0 = np.hstack(

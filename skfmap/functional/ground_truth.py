@@ -8,29 +8,31 @@ from skfmap._tools.types import FloatArray
 
 __all__ = ["GroundTruth", "map_from_pairs"]
 
-# The figures below are of TOSCA's cats, 50 functions, unless they say otherwise.
+# The figures below are for TOSCA's cats and 50 functions unless stated otherwise.
 #
-# Below this eigenvalue of the sampled Gram matrix (the identity for a full map), a function
-# counts as not observed. All pairs leave 0.93 and more (up to 120 functions), two well-spread
-# landmarks per function 0.34, 1.2 landmarks 0.03.
+# A function counts as not observed below this eigenvalue of the sampled Gram matrix (which is the
+# identity for a full map). The smallest eigenvalue is 0.93 or more with all pairs (up to 120
+# functions), 0.34 with two well-spread landmarks per function, and 0.03 with 1.2.
 _OBSERVED = 0.1
-# The same for the functions on S_0, whose areas the map may shrink: all pairs leave 0.23 and more;
-# where whole parts stand on one point it is nil.
+# The same for the functions on S_0, whose areas the map may shrink. All pairs give 0.23 or more; if
+# whole parts are mapped to one point it is zero.
 _REACHED = 1e-3
-# Strengths of the isometric prior that are tried. Left-out errors hold what the cut to k
-# functions costs, and so ask for too much: up to 16 landmarks per function the choice is the
-# upper end. With a higher one it would be 10 at 2 landmarks (relative error of C 0.18, not 0.14)
-# and 3 at 4 (0.11, not 0.09); only at 1.2 landmarks would that be better (0.24, not 0.31).
+# Strengths of the isometric prior to choose from. Left-out errors include the error of truncating
+# to k functions, and therefore favour too strong a prior: with up to 16 landmarks per function the
+# choice is the upper end. If the range went further, the choice would be 10 at 2 landmarks
+# (relative error of C 0.18, not 0.14) and 3 at 4 (0.11, not 0.09); only at 1.2 landmarks would that
+# be better (0.24, not 0.31).
 _STRENGTHS = tuple(np.geomspace(1e-4, 1.0, 9))
-# Distinct pairs per function beyond which no prior is used: it does harm. Relative errors of C
-# with and without it at 1.2, 2, 4, 8 and 16 landmarks: 0.31, 0.14, 0.086, 0.061, 0.053 and 0.58,
-# 0.16, 0.089, 0.051, 0.037.
+# With more distinct pairs per function than this no prior is used, because it does harm. Relative
+# errors of C at 1.2, 2, 4, 8 and 16 landmarks: with it 0.31, 0.14, 0.086, 0.061, 0.053, without it
+# 0.58, 0.16, 0.089, 0.051, 0.037.
 _PLENTY = 8
-# Added to W * W of the prior, so that its diagonal counts at all; from 0 to 1e-4 the map is the
-# same.
+# Added to W * W of the prior, so that its diagonal counts at all; values from 0 to 1e-4 give the
+# same map.
 _PRIOR_FLOOR = 1e-6
-# A residual is enlarged 100 times at most, as 1 / (1 - leverage) is infinite for a pair that alone
-# decides; with two landmarks per function every cap from 0.5 on leads to the same choice.
+# Largest leverage, so that a residual is enlarged at most 100 times: 1 / (1 - leverage) is infinite
+# for a pair that alone determines a function. With two landmarks per function every cap from 0.5 on
+# leads to the same choice.
 _MOST_LEVERAGE = 0.99
 
 
@@ -41,10 +43,10 @@ class GroundTruth:
     Attributes
     ----------
     C : ndarray of shape (k, k)
-        Pulls functions on S_0 back to S_i.
+        Functional map, which pulls functions on S_0 back to S_i.
     n_observed : int
-        How many of the k functions the pairs determine, on S_i or on S_0, whichever is less; k for
-        a full correspondence.
+        Number of the k functions that the pairs determine, on S_i or on S_0, whichever is smaller;
+        k for a full correspondence.
     """
 
     C: FloatArray
@@ -58,24 +60,24 @@ def map_from_pairs(
 
     .. math:: \min_C \sum_q a_q \|\Phi_i(x_q)\, C - \Phi_0(T x_q)\|^2
 
-    Where pairs are few (below eight per function) or leave functions on S_i undetermined (a partial
-    correspondence), a pull towards maps that commute with the Laplacian helps. Its strength is the
-    one that best predicts pairs left out one at a time; ``n_observed`` tells what the pairs alone
-    determine.
+    If there are few pairs (up to eight per function), or if they leave functions on S_i
+    undetermined (a partial correspondence), a prior that favours maps commuting with the Laplacian
+    is added. Its strength is the one that best predicts pairs left out one at a time.
+    ``n_observed`` counts what the pairs alone determine.
 
     Parameters
     ----------
     evecs_i, evecs_0 : ndarray of shape (n_pairs, k)
         Eigenfunctions at the paired points of S_i and S_0.
     areas : ndarray of shape (n_pairs,)
-        Area on S_i that each pair stands for; sums to 1 for a full correspondence.
+        Area on S_i that each pair represents; the areas of a full correspondence sum to 1.
     mask : ndarray of shape (k, k)
-        W of the regulariser; used only where the pairs do not decide.
+        W of the regulariser; used only by the prior.
 
     Returns
     -------
     GroundTruth
-        The map, and how much of it is observed.
+        The map, and how many functions are observed.
     """
     weighted = areas[:, None] * evecs_i
     gram, rhs = weighted.T @ evecs_i, weighted.T @ evecs_0

@@ -1,4 +1,4 @@
-"""The paper's pipeline (figure 2, top) on arrays: from known maps to weights and stable basis."""
+"""The paper's pipeline (figure 2, top) on arrays: from known maps to weights and a stable basis."""
 
 from collections.abc import Callable, Hashable, Sequence
 from dataclasses import dataclass
@@ -24,14 +24,14 @@ from skfmap.functional.weighting import check_weighting, coarse_groups, weight_g
 
 __all__ = ["LearnedMaps", "learn_functional_maps"]
 
-# Maps that the probes reproduce exactly leave differences that are rounding, and an automatic norm
-# of them would be degenerate. TOSCA's cats have an epsilon of 0.28.
+# If the probes reproduce the maps exactly, all differences are rounding errors, and the automatic
+# epsilon would be degenerate. TOSCA's cats have an epsilon of 0.28.
 _LEAST_EPSILON = 1e-12
 
 
 @dataclass(frozen=True, eq=False)
 class LearnedMaps:
-    """What is learned from known functional maps.
+    """Weights, stable basis and maps that were learned from known functional maps.
 
     Attributes
     ----------
@@ -40,13 +40,13 @@ class LearnedMaps:
     stable_basis : ndarray of shape (k, k)
         Y, most stable function first.
     stability : ndarray of shape (k,)
-        Singular values that go with Y, ascending.
+        Singular values that belong to the columns of Y, ascending.
     epsilon : float
-        Of the norm (4).
+        Parameter of the norm (4).
     maps : ndarray of shape (N, k, k)
-        X_i(D) on the training shapes.
+        Learned maps X_i(D) of the training shapes.
     optimum : Optimum
-        How the weights were reached.
+        How the weights were found.
     regularizer : str or callable
         Deformation model that the maps were fitted with.
     """
@@ -80,55 +80,55 @@ def learn_functional_maps(
     n_threads: int = 1,
     callback: Callable[[int, float, Callable[[], "LearnedMaps"]], bool | None] | None = None,
 ) -> LearnedMaps:
-    """Learn weights D and stable basis Y from known functional maps; no points are needed.
+    """Learn weights D and a stable basis Y from known functional maps, without any points.
 
     Parameters
     ----------
     probes_0 : ndarray of shape (k, m)
         Raw coefficients of the probe functions on the reference S_0.
     probes : ndarray of shape (N, k, m)
-        The same on the training shapes S_i.
+        Raw coefficients on the training shapes S_i.
     evals_0, evals : ndarray of shape (k,), ndarray of shape (N, k)
         Laplacian eigenvalues at unit area.
     maps : ndarray of shape (N, k, k)
         Known functional maps C_i, from functions on S_0 to functions on S_i. The first column is
-        taken to be e_0: constants map to constants.
+        assumed to be e_0: constants map to constants.
     weighting : {"function", "category", "unique"}, sequence of labels or None
-        Which probes share a weight: those of one label, if there is a label for each. None keeps D
-        = I.
+        Which probes share a weight. With a sequence of one label per probe, probes with the same
+        label share a weight. None keeps D = I.
     categories : sequence of str, optional
         Category of each probe; needed for ``weighting="category"``.
     epsilon : float or "auto"
-        Of the norm (4); "auto" is the paper's 80 percent rule.
+        Parameter of the norm (4); "auto" is the paper's 80 percent rule.
     alpha : float
         Strength of the regulariser.
     regularizer : "laplacian", "resolvent", "learned" or callable
-        Deformation model, ``(evals_i, evals_0) -> W`` of shape (k, k). "learned" takes it from
+        Deformation model, ``(evals_i, evals_0) -> W`` of shape (k, k). "learned" estimates it from
         ``maps``.
     normalize : {"shape", "reference"}
-        Whose norms scale the probe columns.
+        Whether probe columns are scaled by the norms on each shape, or on the reference.
     sample_weight : ndarray of shape (N,), optional
         Share of each training shape in equation (3) and in Y.
     max_iter, tol : int, float
-        Of the optimiser.
+        Maximum number of iterations and tolerance of the optimiser.
     start : ndarray of shape (m,), optional
-        Weights that it starts from, alike where a weight is shared; 1 by default.
+        Initial weights, equal for probes that share a weight; 1 by default.
     n_threads : int
-        Groups of shapes at a time; the result is the same for every number. BLAS should then keep
-        to one thread (threadpoolctl).
+        Number of threads, each working on some of the shapes. The result does not depend on it.
+        Limit BLAS to one thread (threadpoolctl) if there are several.
     callback : callable, optional
         Called after each iteration with its number, the loss, and a function that returns the
-        LearnedMaps so far; stops the search if it returns True.
+        current LearnedMaps. The search stops if it returns True.
 
     Returns
     -------
     LearnedMaps
-        Weights, stable basis and how they were reached.
+        Weights, stable basis, and how they were found.
 
     Raises
     ------
     ValueError
-        If the arrays do not fit each other, or a choice is unknown.
+        If the shapes of the arrays are inconsistent, or a choice is unknown.
 
     Examples
     --------
@@ -215,14 +215,14 @@ def _check_arrays(
         if np.shape(given[name]) != shape:
             raise ValueError(
                 f"{name} must have shape {shape} to fit probes_0 {probes_0.shape} and {n} maps; "
-                f"got {np.shape(given[name])}. Shapes of unequal k must be truncated to a common "
-                "k first."
+                f"got {np.shape(given[name])}. If shapes have different k, truncate them to a "
+                "common k first."
             )
         if not np.isfinite(given[name]).all():
-            raise ValueError(f"{name} holds NaN or infinite values.")
+            raise ValueError(f"{name} contains NaN or infinite values.")
     if n == 0:
         raise ValueError(
-            "There are no maps to learn from; give at least one training shape beside the "
+            "There are no maps to learn from; give at least one training shape besides the "
             "reference."
         )
 

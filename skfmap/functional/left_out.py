@@ -1,4 +1,4 @@
-"""What answers on specimens that were left out say of answers to come."""
+"""Estimates of future errors from the errors on specimens that were left out."""
 
 import numpy as np
 
@@ -12,27 +12,30 @@ __all__ = [
     "shrunk_scales",
 ]
 
-# Specimens, beside those there are, to which nothing is lacking. With two references among twenty
-# mandibles errors are 0.181 and 0.191 mm from nine left out, with 2 of these or none, and 0.192 and
-# 0.203 from three, rather than 0.200 and 0.215. What James and Stein (1961) take off each landmark
-# is too much: 0.187 and 0.195 from nine.
+# Number of additional specimens with a residual of zero. With two references among twenty mandibles
+# the errors are 0.181 and 0.191 mm from nine left out (with 2 of these or none), and 0.192 and
+# 0.203 from three, rather than 0.200 and 0.215. James and Stein's (1961) shrinkage of each landmark
+# is too strong: 0.187 and 0.195 from nine.
 _NOTHING_LACKS = 2
-# How many specimens the mean over all landmarks counts for, beside those that have a landmark.
+# The mean over all landmarks counts as this many specimens, in addition to those that have the
+# landmark.
 _PRIOR = 4.0
 
 
 def shrunk_mean(residuals: FloatArray) -> FloatArray:
-    """Return the mean of vectors, with some more specimens of which all are zero.
+    """Return the mean residual of each landmark, shrunk towards zero.
+
+    The mean includes two additional specimens whose residuals are zero.
 
     Parameters
     ----------
     residuals : ndarray of shape (n_specimens, n_landmarks, d)
-        NaN where a specimen lacks a landmark.
+        Residual vectors; NaN where a specimen lacks a landmark.
 
     Returns
     -------
     ndarray of shape (n_landmarks, d)
-        Zero where no specimen tells.
+        Means; zero for a landmark that no specimen has.
 
     Examples
     --------
@@ -47,17 +50,17 @@ def shrunk_mean(residuals: FloatArray) -> FloatArray:
 
 
 def shrunk_scales(distances: FloatArray) -> FloatArray:
-    """Return the mean distance of each landmark, drawn towards that of all of them.
+    """Return the mean distance of each landmark, shrunk towards the mean over all landmarks.
 
     Parameters
     ----------
     distances : ndarray of shape (n_specimens, n_landmarks)
-        NaN where a specimen lacks a landmark; not all of them.
+        Distances; NaN where a specimen lacks a landmark. At least one must be known.
 
     Returns
     -------
     ndarray of shape (n_landmarks,)
-        Positive.
+        Scales, positive.
 
     Examples
     --------
@@ -76,19 +79,19 @@ def shrunk_scales(distances: FloatArray) -> FloatArray:
 def scales_of_others(distances: FloatArray) -> FloatArray:
     """Return, for each specimen, the `shrunk_scales` of the others.
 
-    Measured by scales that its own distances enter, a specimen looks nearer than one to come: balls
-    that are to hold 0.9 hold 0.88 where they are told by nine specimens of 13 or 51 landmarks, and
-    0.90 to 0.91 with the scales of the others.
+    Scales that include a specimen's own distances make it look more accurate than a new one: with
+    nine specimens of 13 or 51 landmarks, balls meant to cover 0.9 cover 0.88, but 0.90 to 0.91 with
+    the scales of the others.
 
     Parameters
     ----------
     distances : ndarray of shape (n_specimens, n_landmarks)
-        NaN where a specimen lacks a landmark; two specimens at least have one.
+        Distances; NaN where a specimen lacks a landmark. At least two specimens must have one.
 
     Returns
     -------
     ndarray of shape (n_specimens, n_landmarks)
-        Positive.
+        Scales, positive.
 
     Examples
     --------
@@ -102,24 +105,24 @@ def scales_of_others(distances: FloatArray) -> FloatArray:
 
 
 def pooled_quantile(distances: FloatArray, scales: FloatArray, coverage: float) -> float:
-    """Return by how much scales are to be multiplied to hold as many distances as wished.
+    """Return the factor by which to multiply the scales so that they cover a share of distances.
 
-    Distances over scales are pooled over landmarks, each specimen with the same weight; one more
-    distance than there are, beyond all others, stands for the one to come.
+    Ratios of distances to scales are pooled over landmarks, and each specimen has the same weight.
+    One additional ratio, larger than all others, represents the new specimen.
 
     Parameters
     ----------
     distances : ndarray of shape (n_specimens, n_landmarks)
-        NaN where a specimen lacks a landmark.
+        Distances; NaN where a specimen lacks a landmark.
     scales : ndarray of shape (n_landmarks,) or (n_specimens, n_landmarks)
-        Positive.
+        Scales, positive.
     coverage : float
-        Between 0 and 1.
+        Share to cover, between 0 and 1.
 
     Returns
     -------
     float
-        Infinite if there are too few distances.
+        The factor; infinite if there are too few distances.
 
     Examples
     --------
@@ -134,7 +137,7 @@ def pooled_quantile(distances: FloatArray, scales: FloatArray, coverage: float) 
     known = np.isfinite(scores)
     weights = known / np.maximum(known.sum(axis=1), 1)[:, None]
     order = np.argsort(scores[known])
-    # The one to come weighs as much as one landmark of one specimen.
+    # The additional ratio weighs as much as one landmark of one specimen.
     total = weights.sum() + weights[known].mean() if known.any() else 1.0
     reached = np.cumsum(weights[known][order]) / total
     at = int(np.searchsorted(reached, coverage - 1e-12))
@@ -142,10 +145,10 @@ def pooled_quantile(distances: FloatArray, scales: FloatArray, coverage: float) 
 
 
 def least_calibrating(coverage: float) -> int:
-    """Return how many specimens it takes at least to promise a coverage.
+    """Return the minimum number of specimens that a coverage can be promised from.
 
-    That many are exchangeable with the one to come: nine for 0.9, as of ten the largest is the one
-    to come once in ten times.
+    The specimens are exchangeable with the new one. For 0.9 it takes nine: among ten, the new one
+    has the largest error once in ten times.
 
     Examples
     --------

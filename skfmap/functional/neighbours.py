@@ -1,4 +1,4 @@
-"""Nearest neighbours among the points of two embeddings, in both directions at once."""
+"""Nearest neighbours between the points of two embeddings, in both directions at once."""
 
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
@@ -9,12 +9,13 @@ from skfmap._tools.types import Array, FloatArray, IntArray
 
 __all__ = ["nearest", "nearest_both"]
 
-# Share of a squared length within which squared distances are equal: what different kernels of the
-# linear algebra leave on bodies of 5,000 vertices is a hundredth of it.
+# Squared distances that differ by less than this fraction of a squared length count as equal.
+# Different kernels of the linear algebra differ by a hundredth of it on bodies of 5,000 vertices.
 _ROUNDING = 1e-9
-# Distances at a time, so that they stay in the cache (3 MB): half and twice as many are as fast.
+# Number of distances computed at a time, so that they stay in the cache (3 MB). Half and twice as
+# many are equally fast.
 _AT_A_TIME = 650_000
-# Blocks at least: the second direction goes over one or two of them again for each target.
+# Minimum number of blocks: the second direction searches one or two of them again for each target.
 _LEAST_BLOCKS = 16
 _SINGLE = float(np.finfo(np.float32).eps)
 
@@ -22,7 +23,7 @@ _SINGLE = float(np.finfo(np.float32).eps)
 def nearest(points: FloatArray, targets: FloatArray) -> IntArray:
     """Return the nearest target of each point.
 
-    The first of those that are as near but for rounding.
+    Of several targets that are equally near up to rounding, the first is returned.
 
     Parameters
     ----------
@@ -49,16 +50,16 @@ def nearest_both(
 ) -> tuple[IntArray, IntArray]:
     """Return the nearest target of each point, and the nearest point of each target.
 
-    One product in single precision serves both; what it cannot tell apart is decided in double
-    precision, by the rule of `nearest`.
+    One matrix product in single precision serves both directions. Candidates that it cannot tell
+    apart are compared in double precision, by the rule of `nearest`.
 
     Parameters
     ----------
     points, targets : ndarray of shape (n_points, d), ndarray of shape (n_targets, d)
         Finite coordinates.
     n_threads : int
-        Blocks of points at a time; the result is the same for every number. BLAS should then keep
-        to one thread (threadpoolctl).
+        Number of threads, each working on one block of points. The result does not depend on it.
+        Limit BLAS to one thread (threadpoolctl) if there are several.
 
     Returns
     -------
@@ -79,7 +80,7 @@ def nearest_both(
 
 
 class _Search:
-    """Points and targets, centred and scaled, so that a product gives half squared distances."""
+    """Points and targets, centred and scaled so that one product gives half squared distances."""
 
     def __init__(self, points: FloatArray, targets: FloatArray, n_threads: int = 1) -> None:
         self.points, self.targets, self.n_threads = points, targets, n_threads
@@ -92,13 +93,13 @@ class _Search:
         scale = 1 / np.sqrt(self.unit)
         self.a = _with_columns(-scale * a, np.ones(len(a)), self.squares_a / 2)
         self.b = _with_columns(scale * b, self.squares_b / 2, np.ones(len(b)))
-        # Products with rows side by side are a quarter faster.
+        # Products with the transposed copy are a quarter faster.
         self.transposed = np.ascontiguousarray(self.b.T)
         size = max(1, min(_AT_A_TIME // len(targets), -(-len(points) // _LEAST_BLOCKS)))
         self.blocks = [slice(i, i + size) for i in range(0, len(points), size)]
 
     def along_rows(self, *, both: bool) -> tuple[IntArray, Array]:
-        """Return the nearest target of each point, and the least value of each target by block."""
+        """Return the nearest target of each point, and the minimum for each target by block."""
         least = np.empty((len(self.blocks) if both else 0, len(self.targets)), dtype=np.float32)
         slack = _ROUNDING * np.einsum("ij,ij->i", self.points, self.points)
 
@@ -116,7 +117,7 @@ class _Search:
         return _first_nearest(self.points, self.targets, slack, rows, columns), least
 
     def along_columns(self, least: Array) -> IntArray:
-        """Return the nearest point of each target, from the blocks that may hold it."""
+        """Return the nearest point of each target, from the blocks that may contain it."""
         slack = _ROUNDING * np.einsum("ij,ij->i", self.targets, self.targets)
         limit = self._limit(least.min(axis=0), self.squares_b, slack)
 
@@ -127,13 +128,13 @@ class _Search:
             return columns[at], rows + block.start
 
         columns, rows = self._each(search)
-        order = np.argsort(columns, kind="stable")  # points stay ascending
+        order = np.argsort(columns, kind="stable")  # keeps points in ascending order
         return _first_nearest(self.targets, self.points, slack, columns[order], rows[order])
 
     def _each(
         self, search: Callable[[int], tuple[IntArray, IntArray]]
     ) -> tuple[IntArray, IntArray]:
-        """Return the pairs that are found in all blocks."""
+        """Return the concatenated pairs from all blocks."""
         numbers = range(len(self.blocks))
         if self.n_threads == 1:
             pairs = [search(number) for number in numbers]
@@ -144,10 +145,10 @@ class _Search:
         return first, second
 
     def _limit(self, best: FloatArray, squares: FloatArray, slack: FloatArray) -> FloatArray:
-        """Return up to where half squared distances may be the least but for rounding.
+        """Return the largest half squared distance that may be the minimum up to rounding.
 
-        Whatever is as near as the best is no longer than the point and its distance together;
-        products of such lengths are off by their share of d roundings at most.
+        A candidate as near as the best has at most the length of the point plus its distance; the
+        rounding error of a product of such lengths is at most d roundings of their square.
         """
         length = np.sqrt(squares) + np.sqrt(2 * np.maximum(best, 0.0))
         rounding = self.a.shape[1] * _SINGLE * np.square(length)
@@ -161,9 +162,9 @@ def _with_columns(points: FloatArray, *columns: FloatArray) -> FloatArray:
 def _first_nearest(
     points: FloatArray, targets: FloatArray, slack: FloatArray, rows: IntArray, columns: IntArray
 ) -> IntArray:
-    """Return the first column of each row whose squared distance is the least but for slack.
+    """Return the first column of each row whose squared distance is minimal up to slack.
 
-    Rows are ascending and complete, and so are columns within a row.
+    Rows are ascending and none is missing; columns within a row are ascending.
     """
     starts = np.searchsorted(rows, np.arange(len(points) + 1))
     out, several = columns[starts[:-1]], np.flatnonzero(np.diff(starts) > 1)

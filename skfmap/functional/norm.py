@@ -1,4 +1,4 @@
-"""Equation (4): a smooth stand-in for the rank."""
+"""Equation (4): a smooth approximation of the rank."""
 
 import numpy as np
 
@@ -21,7 +21,7 @@ def rank_norm(A: FloatArray, epsilon: float) -> float:
 
 
 def rank_norm_and_gradient(A: FloatArray, epsilon: float) -> tuple[FloatArray, FloatArray]:
-    r"""Return the norm (4) of each matrix of a stack, and its gradient.
+    r"""Return the norm (4) of each matrix in a stack, and its gradient.
 
     No singular values are needed: with :math:`P = A^T A` of size k, the norm is
     :math:`k - \epsilon\,\mathrm{tr}(P + \epsilon I)^{-1}` and its gradient
@@ -32,7 +32,7 @@ def rank_norm_and_gradient(A: FloatArray, epsilon: float) -> tuple[FloatArray, F
     A : ndarray of shape (n, rows, k)
         Differences of functional maps.
     epsilon : float
-        Square of the singular value that counts one half; positive.
+        Square of the singular value that counts as one half; positive.
 
     Returns
     -------
@@ -50,7 +50,7 @@ def rank_norm_and_gradient(A: FloatArray, epsilon: float) -> tuple[FloatArray, F
 def epsilon_by_rule(differences: FloatArray) -> float:
     """Return epsilon by the rule of section 3.2, from the maps at D = I.
 
-    Of the singular values of all training shapes, 80 percent satisfy
+    For 80 percent of the singular values of all training shapes,
     sigma^2 / (sigma^2 + epsilon) <= 0.9: epsilon is the 0.8 quantile of sigma^2, divided by 9.
 
     Parameters

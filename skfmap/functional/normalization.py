@@ -1,4 +1,4 @@
-"""Probe functions made comparable: centred, and scaled to one norm (section 2.1)."""
+"""Normalisation of probe functions: they are centred and scaled to a common norm (section 2.1)."""
 
 import numpy as np
 
@@ -6,8 +6,8 @@ from skfmap._tools.types import FloatArray
 
 __all__ = ["centre", "scale_by", "scales_of"]
 
-# Share of its norm that is left of a constant function: 4e-14 in 120 eigenfunctions of TOSCA's
-# cats, whose most constant probe has 0.017.
+# A probe counts as constant if less than this fraction of its norm remains after centring. Constant
+# functions leave 4e-14 in 120 eigenfunctions of TOSCA's cats; their most constant probe has 0.017.
 _ROUNDING = 1e-12
 
 
@@ -19,10 +19,10 @@ def centre(probes: FloatArray) -> FloatArray:
 
 
 def scales_of(probes: FloatArray) -> FloatArray:
-    """Return the factor that brings each column, once centred, to norm 1 / sqrt(n_probes).
+    """Return the factor that scales each centred column to norm 1 / sqrt(n_probes).
 
-    It is 0 for a column that is constant to rounding. With this norm a regularisation strength
-    means the same whatever the number of probes.
+    It is 0 for a column that is constant up to rounding. With this norm, the effect of a
+    regularisation strength does not depend on the number of probes.
     """
     norms = np.linalg.norm(probes[1:], axis=0)
     nil = norms <= _ROUNDING * np.linalg.norm(probes, axis=0)
@@ -37,13 +37,13 @@ def scale_by(probes_0: FloatArray, probes_i: FloatArray, normalize: str) -> Floa
     probes_0, probes_i : ndarray of shape (k, n_probes)
         Raw coefficients on the reference and on the shape.
     normalize : {"shape", "reference"}
-        Whether each shape's columns are scaled by their own norms (the paper) or by those of the
-        reference, which keeps differences of amplitude.
+        Whether each shape's columns are scaled by their own norms (as in the paper) or by those of
+        the reference, which preserves differences in amplitude.
 
     Returns
     -------
     normalised : ndarray of shape (k, n_probes)
-        A probe that is constant on either shape is nil.
+        Centred and scaled coefficients; zero for a probe that is constant on either shape.
     """
     reference, own = scales_of(probes_0), scales_of(probes_i)
     factors = own if normalize == "shape" else reference

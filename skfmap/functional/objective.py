@@ -1,4 +1,4 @@
-"""Equation (3): how far the maps that weights produce are from the known ones."""
+"""Equation (3): how far the learned maps are from the known maps."""
 
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
@@ -15,19 +15,18 @@ from skfmap.functional.row_systems import RowSystems, SharedRowSystems
 
 __all__ = ["LearningProblem"]
 
-# Rows of functional maps at a time, and numbers in their factors (64 MB): memory stays bounded
-# however many shapes there are. 300 shapes, 100 functions and 310 probes peak at 0.4 GiB
+# Rows of functional maps processed at a time, and numbers in their factors (64 MB). They bound the
+# memory for any number of shapes: 300 shapes, 100 functions and 310 probes peak at 0.4 GiB
 # (docs/speed.rst).
 _MOST_ROWS = 512
 _MOST_NUMBERS = 8_000_000
-# Few shapes are divided as well, so that there is something to do for each thread. Two threads
-# save nothing with 75,000 numbers in all maps, and 13 % with 100,000 (docs/speed.rst, "Loss and
-# gradient").
+# Even a few shapes are divided into chunks, so that each thread has work. Two threads save nothing
+# with 75,000 numbers in all maps, and 13 % with 100,000 (docs/speed.rst, "Loss and gradient").
 _N_CHUNKS = 4
 _FEW = 100_000
-# From so many numbers in all maps on, one decomposition for all shapes is faster than
-# factorisations row by row: 2.3 times with 12,000 and k = 20; with k = 50, 0.8 times with 12,000
-# and 3 with 24,000; with k = 100, 0.7 times with 9,801 and 1.2 with 19,602.
+# Numbers in all maps from which one decomposition for all shapes replaces factorisations row by
+# row. Its speed relative to them is 2.3 with 12,000 and k = 20; with k = 50, 0.8 with 12,000 and 3
+# with 24,000; with k = 100, 0.7 with 9,801 and 1.2 with 19,602.
 _MANY = 12_000
 
 # Solves the row systems of some shapes for right-hand sides of shape (n_shapes, k - 1, k - 1).
@@ -41,8 +40,8 @@ class LearningProblem:
 
     .. math:: E(D) = \sum_i s_i \|X_i(D) - C_i\|_\epsilon
 
-    Shapes are worked on in chunks, several at a time if there are threads; what comes out does not
-    depend on how many.
+    Shapes are processed in chunks, several at a time if there are several threads; the result does
+    not depend on the number of threads.
 
     Parameters
     ----------
@@ -51,16 +50,16 @@ class LearningProblem:
     probes : ndarray of shape (N, k, m)
         Probe functions on the training shapes, centred and scaled.
     penalties : ndarray of shape (N, k, k)
-        alpha (W_i * W_i + floor) of each shape.
+        alpha (W_i * W_i + floor) for each shape.
     maps : ndarray of shape (N, k, k)
         Known functional maps C_i, from functions on S_0 to functions on S_i.
     sample_weight : ndarray of shape (N,)
         Share of each shape in the sum.
     quadratic : PenaltyQuadratic, optional
-        The same penalties as `skfmap.functional.regularization.penalty_quadratic` gives them, which
-        makes many shapes much faster.
+        The same penalties in the form of `skfmap.functional.regularization.penalty_quadratic`,
+        which is much faster for many shapes.
     n_threads : int, default=1
-        Chunks at a time; hold BLAS down to one thread beside it.
+        Number of threads, each working on one chunk. Limit BLAS to one thread if there are several.
     """
 
     probes_0: FloatArray
@@ -85,7 +84,7 @@ class LearningProblem:
         return X
 
     def differences(self, weights: FloatArray) -> FloatArray:
-        """Return X_i(D) - C_i without the nil column of the constant, shape (N, k, k - 1)."""
+        """Return X_i(D) - C_i without the first column, which is zero; shape (N, k, k - 1)."""
         return (self.solve(weights) - self.maps)[:, :, 1:]
 
     def loss(self, weights: FloatArray, epsilon: float) -> float:
@@ -119,7 +118,7 @@ class LearningProblem:
         return float(np.sum(losses)), np.sum(gradients, axis=0)
 
     def _systems(self, weighted: FloatArray) -> Callable[[slice], Solver]:
-        """Return what solves the row systems of a chunk, for maps and for their adjoints."""
+        """Return a function that gives the solver of a chunk, for maps and their adjoints."""
         gram, penalties = weighted @ self.probes_0[1:].T, self.penalties[:, 1:, 1:]
         n_shapes, n, _ = penalties.shape
         if self.quadratic is not None and n_shapes * n**2 >= _MANY:

@@ -12,32 +12,35 @@ from skfmap.functional.objective import LearningProblem
 __all__ = ["LOG_WEIGHT_BOUND", "Optimum", "optimize_weights"]
 
 LOG_WEIGHT_BOUND = 7.0
-"""Weights stay between exp(-7) and exp(7): beyond, a probe is off or alone.
+"""Weights stay between exp(-7) and exp(7); beyond these a probe is switched off, or the only one.
 
-Squared weights then differ by exp(28) = 1.4e12 at most, which leaves four of sixteen digits where a
-probe of small weight decides. Bounds of 5, 9 and 12 end in the same loss on TOSCA's cats (171.8).
+Squared weights then differ by a factor of at most exp(28) = 1.4e12, which leaves four of sixteen
+digits where a probe of small weight decides. Bounds of 5, 9 and 12 reach the same loss on TOSCA's
+cats (171.8).
 """
 
-# Coarse weights only set out the course (docs/speed.rst, "The search for weights"): they are
-# found roughly, and held where no category is switched off. On the cats, bounds of 2, 5 and 7,
+# Coarse weights are only a starting point (docs/speed.rst, "The search for weights"), so they are
+# found roughly, within bounds that switch no category off. On the cats, bounds of 2, 5 and 7,
 # tolerances of 1e-2 and 1e-4, and 10 or 200 iterations change errors of shapes left out by less
-# than 0.0002, losses by 0.2 % (a tolerance of 1e-2: by 2 %, in 42 evaluations rather than 50; of
-# 1e-4: 60).
+# than 0.0002 and losses by 0.2 % (a tolerance of 1e-2: by 2 %, in 42 evaluations rather than 50; of
+# 1e-4: in 60).
 _COARSE_BOUND = 3.0
 _COARSE_TOL = 1e-3
 _COARSE_MAX_ITER = 50
 
-# What scipy calls a search that its callback ended.
+# scipy's status of a search that its callback stopped.
 _STOPPED = 99
-# Factor on the tolerance for a search that rounding ended before it was met; never varied.
+# Factor on the tolerance if rounding errors end the search before the tolerance is met; never
+# varied.
 _LENIENCY = 10
-# Steps that L-BFGS remembers: 10, 20, 50 and 100 take 56, 52, 50 and 50 evaluations on the cats.
+# Number of steps that L-BFGS stores: 10, 20, 50 and 100 take 56, 52, 50 and 50 evaluations on the
+# cats.
 _N_REMEMBERED = 50
 
 
 @dataclass(frozen=True, eq=False)
 class Optimum:
-    """Where the optimiser ended.
+    """The result of the optimisation.
 
     Attributes
     ----------
@@ -46,17 +49,17 @@ class Optimum:
     loss_curve : list of float
         E(D) at the start and after each iteration.
     n_iter, n_evaluations : int
-        Iterations, and evaluations of loss and gradient.
+        Number of iterations, and of evaluations of the loss and its gradient.
     gradient_norm : float
         Largest projected derivative of the loss per shape and function with respect to a
         log-weight.
     converged : bool
-        Whether the gradient fell below the tolerance (ten times it, if rounding keeps any step from
-        lowering the loss).
+        Whether the gradient fell below the tolerance (below ten times the tolerance, if rounding
+        errors prevent any further decrease of the loss).
     stopped : bool
-        Whether the callback asked to stop.
+        Whether the callback stopped the search.
     message : str
-        The optimiser's own word.
+        The message of the optimiser.
     """
 
     weights: FloatArray
@@ -80,36 +83,37 @@ def optimize_weights(
     tol: float,
     callback: Callable[[int, float, FloatArray], bool | None] | None = None,
 ) -> Optimum:
-    """Minimise the loss over one log-weight per group, starting from weights 1 or from given ones.
+    """Minimise the loss over one log-weight per group.
 
-    The loss has many local minima. Weights that are first found for whole categories lead to lower
-    ones, and in fewer evaluations, than all weights at once.
+    The loss has many local minima. Optimising one weight per category first leads to lower minima,
+    and takes fewer evaluations, than optimising all weights at once.
 
     Parameters
     ----------
     problem : LearningProblem
         Shapes, maps and probes.
     groups : ndarray of int, shape (m,)
-        From `skfmap.functional.weight_groups`; all -1 leaves D = I.
+        Group of each probe, from `skfmap.functional.weight_groups`; all -1 leaves D = I.
     epsilon : float
-        Of the norm (4).
+        Parameter of the norm (4).
     coarse : ndarray of int, shape (m,), optional
         Groups to begin with, from `skfmap.functional.weighting.coarse_groups`.
     start : ndarray of shape (m,), optional
-        Weights to start from, alike within a group; the search over coarse groups is left out then.
+        Initial weights, equal within a group; the search over coarse groups is then omitted. By
+        default all weights start from 1.
     max_iter : int
-        Most iterations, those over coarse groups included.
+        Maximum number of iterations, including those over coarse groups.
     tol : float
-        The search has converged when no log-weight changes the loss, divided by the number of
-        singular values in it, by more than this.
+        The search has converged when the derivative of the loss, divided by the number of singular
+        values in it, with respect to each log-weight is at most this.
     callback : callable, optional
-        Called with the iteration, the loss and the weights after each iteration; stops the search
-        if it returns True.
+        Called after each iteration with its number, the loss and the weights. The search stops if
+        it returns True.
 
     Returns
     -------
     Optimum
-        Weights and how they were reached.
+        Weights, and how they were found.
     """
     if groups.max() < 0:
         weights = np.ones(len(groups))
@@ -143,7 +147,7 @@ class _Search:
         self.n_evaluations = 0
 
     def finish(self, start: FloatArray, groups: IntArray, max_iter: int, tol: float) -> Optimum:
-        """Search over the groups that were asked for, and say how it ended."""
+        """Search over the requested groups, and return the result."""
         remaining = max_iter - max(len(self.curve) - 1, 0)
         if remaining == 0:
             first, evaluate = self._over(groups, start)
@@ -153,7 +157,7 @@ class _Search:
             )
         result = self._minimize(start, groups, LOG_WEIGHT_BOUND, remaining, tol)
         gradient_norm = _projected_gradient_norm(result.x, result.jac)
-        # A search that rounding ends short of ``tol`` has done what it can.
+        # A search that rounding errors end just above ``tol`` counts as converged.
         converged = gradient_norm <= (tol if result.success else _LENIENCY * tol)
         stopped = result.status == _STOPPED
         return self.optimum(
@@ -163,7 +167,7 @@ class _Search:
     def run(
         self, start: FloatArray, groups: IntArray, bound: float, max_iter: int, tol: float
     ) -> tuple[FloatArray, bool]:
-        """Return the log-weights of probes after a search, and whether the callback ended it."""
+        """Return the log-weights of probes after a search, and whether the callback stopped it."""
         result = self._minimize(start, groups, bound, max_iter, tol)
         return result.x[groups], result.status == _STOPPED
 
@@ -175,7 +179,7 @@ class _Search:
         stopped: bool,
         message: str,
     ) -> Optimum:
-        """Return where the search is."""
+        """Return the current result of the search."""
         n_iter = len(self.curve) - 1
         weights = np.exp(log_weights)
         return Optimum(
@@ -192,7 +196,7 @@ class _Search:
     def _over(
         self, groups: IntArray, start: FloatArray
     ) -> tuple[FloatArray, Callable[[FloatArray], tuple[float, FloatArray]]]:
-        """Return one log-weight per group to start from, and the scaled loss and gradient."""
+        """Return the initial log-weight of each group, and the scaled loss and gradient."""
         n_groups = int(groups.max()) + 1
         first = np.zeros(n_groups)
         first[groups] = start  # the members of a group start alike
@@ -237,7 +241,7 @@ class _Search:
             callback=record,
             options={
                 "maxiter": max_iter,
-                "maxfun": 10 * max_iter,  # out of reach: a step takes one evaluation or two
+                "maxfun": 10 * max_iter,  # never reached: a step takes one or two evaluations
                 "gtol": tol,
                 "ftol": 0.0,
                 "maxcor": _N_REMEMBERED,
@@ -245,7 +249,7 @@ class _Search:
         )
         if not np.isfinite(result.fun):
             raise ValueError(
-                "The loss is not finite; raise alpha or epsilon, or look for extreme probe "
+                "The loss is not finite; raise alpha or epsilon, or check the probes for extreme "
                 "coefficients."
             )
         return result

@@ -1,4 +1,4 @@
-"""Functions on vertices to coefficients in the eigenfunctions, and heat flow on coefficients."""
+"""Projection of functions onto the eigenfunctions, and heat diffusion of coefficients."""
 
 import numpy as np
 
@@ -13,16 +13,16 @@ def project(values: FloatArray, evecs: FloatArray, mass: FloatArray) -> FloatArr
 
 
 def diffuse(coefficients: FloatArray, evals: FloatArray, times: FloatArray) -> FloatArray:
-    """Solve the heat equation exactly in the basis: coefficients decay as exp(-t lambda).
+    """Solve the heat equation exactly in the eigenbasis: coefficients decay as exp(-t lambda).
 
     Parameters
     ----------
     coefficients : ndarray of shape (n_components,)
-        Initial heat distribution.
+        Coefficients of the initial heat distribution.
     evals : ndarray of shape (n_components,)
         Eigenvalues at unit area.
     times : ndarray of shape (n_times,)
-        Times at unit area.
+        Diffusion times, at unit area.
 
     Returns
     -------

@@ -1,12 +1,12 @@
-r"""All row systems of all shapes at once, where the regulariser makes them values of one quadratic.
+r"""Row systems of all shapes at once, if the regulariser makes them values of one quadratic.
 
 With the commutator of the Laplacians or of their resolvents, the system of row r of shape S_i is
 
 .. math:: s\,A(t) = t^2 M_2 - 2 t M_1 + M_0, \qquad s = 1 + \gamma t^2,
 
-where :math:`t` and :math:`s` are numbers that belong to the row, and the symmetric matrices belong
-to the reference and the weights. One eigen-decomposition of twice the size then solves them all:
-matrix products do the rest.
+where :math:`t` and :math:`s` are numbers that depend on the row, and the symmetric matrices depend
+on the reference and the weights only. One eigendecomposition of twice the size, followed by matrix
+products, then solves all systems.
 """
 
 import numpy as np
@@ -20,41 +20,42 @@ __all__ = ["QuadraticSystems"]
 
 # Row systems are solved to the backward error of a Cholesky factorisation, a few units in the
 # last place. The decomposition alone reaches 7e-16 with weights from exp(-1/2) to exp(1/2), and
-# 1e-13 with weights between the bounds exp(-7) and exp(7), where one correction leaves 4e-17.
+# 1e-13 with weights between the bounds exp(-7) and exp(7), where one correction reduces it to
+# 4e-17.
 _BACKWARD_ERROR = 1e-15
-# Corrections that are tried: one is needed at the bounds, a second is in reserve.
+# Passes of the correction loop; one correction is needed at the bounds, a second is in reserve.
 _MOST_CORRECTIONS = 3
-# What is worse than this after corrections, ten times what weights at the bounds leave before
-# them, is solved again by factorisations.
+# If the error after the corrections is larger than this (ten times the error before them with
+# weights at the bounds), the systems are solved by factorisations.
 _ACCEPTED = 1e-12
-# Any positive scaling d gives the same inverse; where S has no diagonal, d must not be nil.
+# Any positive scaling d gives the same inverse, but d must not be zero where the diagonal of S is.
 _LEAST_SCALING = 1e-12
 
 
 class QuadraticSystems:
     r"""The row systems of equation (2) for all shapes, diagonalised once.
 
-    In functions Q that diagonalise :math:`M_2` and :math:`M_1` together, :math:`Q^T M_2 Q = I` and
-    :math:`Q^T M_1 Q = H`, the polynomial is :math:`(t - H)^2 + S`, and its inverse is a block of
-    that of
+    Let Q diagonalise :math:`M_2` and :math:`M_1` simultaneously, with :math:`Q^T M_2 Q = I` and
+    :math:`Q^T M_1 Q = H`. The polynomial then becomes :math:`(t - H)^2 + S`, and its inverse is a
+    block of the inverse of
 
-    .. math:: \begin{pmatrix} t - H & -d \\ S / d & t - H \end{pmatrix},
+    .. math:: \begin{pmatrix} t - H & -d \\ S / d & t - H \end{pmatrix}.
 
-    whose eigenvalues are conjugate pairs: A(t) is positive definite for real t. Rounding is mended
-    by one or two corrections with the residual; should they not do, the rows are factorised one by
-    one.
+    The eigenvalues are conjugate pairs, because A(t) is positive definite for real t. One or two
+    corrections with the residual remove rounding errors; if they do not suffice, the rows are
+    factorised one by one.
 
     Parameters
     ----------
     gram : ndarray of shape (k, k)
         G_0 D^2 G_0^T.
     quadratic : PenaltyQuadratic
-        The regulariser in this form, of columns and rows 1 to k - 1.
+        The regulariser in this form, for rows and columns 1 to k - 1.
 
     Raises
     ------
     numpy.linalg.LinAlgError
-        If the polynomial has no such decomposition to rounding.
+        If the systems are not finite, or not positive definite up to rounding.
     """
 
     def __init__(self, gram: FloatArray, quadratic: PenaltyQuadratic) -> None:
@@ -66,7 +67,7 @@ class QuadraticSystems:
         linear = np.block([[np.diag(H), np.diag(d)], [-S / d[:, None], np.diag(H)]])
         if not np.isfinite(linear).all():
             raise np.linalg.LinAlgError(
-                "The row systems are not finite; look for extreme probe coefficients."
+                "The row systems are not finite; check the probes for extreme coefficients."
             )
         values, vectors = np.linalg.eig(linear)
         upper = np.flatnonzero(values.imag > 0)
@@ -75,21 +76,21 @@ class QuadraticSystems:
         out = Q @ vectors[: len(H), upper]
         into = (np.linalg.inv(vectors)[upper, len(H) :] / d) @ Q.T
         self._values = values[upper]
-        # Real and imaginary parts side by side: products of real matrices.
+        # Real and imaginary parts side by side, so that all products are of real matrices.
         self._into = np.hstack([into.real.T, into.imag.T])
         self._out = 2 * np.vstack([out.real.T, -out.imag.T])
 
     def solve(
         self, rhs: FloatArray, penalty: FloatArray, t: FloatArray, s: FloatArray
     ) -> FloatArray:
-        """Return the solutions of rows of any shapes.
+        """Return the solutions for rows of any shapes.
 
         Parameters
         ----------
         rhs, penalty : ndarray of shape (n_rows, k)
             Right-hand sides, and diagonals of the regulariser.
         t, s : ndarray of shape (n_rows,)
-            Where on the quadratic each row is, and 1 + gamma t^2.
+            Argument t of the quadratic for each row, and 1 + gamma t^2.
 
         Returns
         -------
@@ -103,7 +104,7 @@ class QuadraticSystems:
         for _ in range(_MOST_CORRECTIONS):
             residual = rhs - (x @ self.gram + penalty * x)
             before, error = error, self._backward_error(residual, rhs, penalty, x)
-            # A correction that does not halve the error is at the limit of rounding.
+            # If a correction does not halve the error, rounding is the limit.
             if error <= _BACKWARD_ERROR or error > before / 2:
                 break
             x = x + self._apply(residual, real, imaginary, s)
@@ -114,7 +115,7 @@ class QuadraticSystems:
     def _apply(
         self, rhs: FloatArray, real: FloatArray, imaginary: FloatArray, s: FloatArray
     ) -> FloatArray:
-        """Return the solutions to the accuracy of the decomposition."""
+        """Return the solutions, as accurate as the decomposition."""
         n = len(self.gram)
         both = rhs @ self._into
         a, b = both[:, :n], both[:, n:]

@@ -1,4 +1,4 @@
-"""Functional maps from point maps, as refinement alternates between the two."""
+"""Functional maps from point maps; refinement alternates between the two."""
 
 import numpy as np
 import scipy.sparse as sp
@@ -7,9 +7,9 @@ from skfmap._tools.types import FloatArray, IntArray
 
 __all__ = ["beyond", "map_from_point_maps", "nearest_orthogonal"]
 
-# Share of its way by which each step of `BijectiveZoomOut` goes on beyond the map that was fitted:
-# below 1, up to which the sum that it lowers cannot rise. Errors of cats left out are 0.0180 with
-# 0, 0.0178 with 0.5, 0.7 and 0.9; at 1.5 maps are lost.
+# Over-relaxation of `BijectiveZoomOut`: each step goes beyond the fitted map by this fraction of
+# its length. Below 1 the objective cannot rise. Errors of cats left out are 0.0180 with 0, and
+# 0.0178 with 0.5, 0.7 and 0.9; with 1.5 maps are lost.
 _BEYOND = 0.7
 
 
@@ -26,9 +26,8 @@ def map_from_point_maps(
 
     .. math:: \min_C \|\Phi_i C - \Phi_0(T)\|^2_{M_i} + \|\Phi_i(S)\, C - \Phi_0\|^2_{M_0}
 
-    With T alone this is the step of ZoomOut (Melzi et al. 2019). Both terms say where points lie in
-    one and the same embedding, Phi_i C against Phi_0, so that no transpose of C stands for its
-    inverse.
+    With T alone this is the step of ZoomOut (Melzi et al. 2019). Both terms compare points in the
+    same embedding, Phi_i C with Phi_0, so the transpose of C is not used in place of its inverse.
 
     Parameters
     ----------
@@ -37,17 +36,17 @@ def map_from_point_maps(
     mass_i, mass_0 : ndarray of shape (n_vertices_i,), ndarray of shape (n_vertices_0,)
         Area of each vertex, each summing to 1.
     p2p : ndarray of int, shape (n_vertices_i,)
-        T: vertex of S_0 for each vertex of S_i.
+        T, the vertex of S_0 for each vertex of S_i.
     inverse : ndarray of int, shape (n_vertices_0,), optional
-        S: vertex of S_i for each vertex of S_0.
+        S, the vertex of S_i for each vertex of S_0.
     held : (ndarray of shape (n_held, k), ndarray of shape (n_held, k)), optional
-        Eigenfunctions of S_i and of S_0 at known pairs of points, which hold the map: together they
-        count as much as the whole of S_i.
+        Eigenfunctions of S_i and of S_0 at known pairs of points that constrain the map. Together
+        the pairs count as much as the whole of S_i.
 
     Returns
     -------
     C : ndarray of shape (k, k)
-        Functional map: pulls functions on S_0 back to S_i. Constants map to constants.
+        Functional map, which pulls functions on S_0 back to S_i. Constants map to constants.
 
     Examples
     --------
@@ -57,7 +56,7 @@ def map_from_point_maps(
     >>> bool(np.allclose(map_from_point_maps(evecs, evecs, mass, mass, same, same), np.eye(2)))
     True
     """
-    # Both terms sum over pairs of points: their areas by point of S_i, and their images there.
+    # Both terms are sums over pairs of points; collect areas and images by the vertex of S_i.
     areas, images = mass_i, mass_i[:, None] * evecs_0[p2p]
     if inverse is not None:
         n_i, n_0 = len(mass_i), len(mass_0)
@@ -73,7 +72,7 @@ def map_from_point_maps(
 
 
 def beyond(previous: FloatArray | None, fitted: FloatArray) -> FloatArray:
-    """Return a map beyond the fitted one, by 0.7 of its way, where the one before has entries."""
+    """Return a map 0.7 of a step beyond the fitted one, for the entries of the previous map."""
     if previous is None:
         return fitted
     k, C = len(previous), fitted.copy()
@@ -82,6 +81,6 @@ def beyond(previous: FloatArray | None, fitted: FloatArray) -> FloatArray:
 
 
 def nearest_orthogonal(C: FloatArray) -> FloatArray:
-    """Return the orthogonal matrix nearest to C, as spectral ICP does (Ovsjanikov et al. 2012)."""
+    """Return the orthogonal matrix nearest to C, as in spectral ICP (Ovsjanikov et al. 2012)."""
     U, _, Vt = np.linalg.svd(C)
     return np.asarray(U @ Vt)

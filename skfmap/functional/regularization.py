@@ -26,21 +26,22 @@ __all__ = [
 ]
 
 DIAGONAL_FLOOR = 1e-5
-"""Part of equation (2) beside W * W: row systems stay definite where W vanishes and no probe sees.
+"""Floor added to W * W in equation (2), so that the row systems are always positive definite.
 
-On TOSCA's cats, floors from 0 to 1e-5 match shapes left out alike (mean error 0.0309); 1e-3 pulls
-small entries of the map to nil as well (0.0324).
+Without it they are singular where W vanishes and no probe has a component. On TOSCA's cats, floors
+from 0 to 1e-5 give equal matches of shapes left out (mean error 0.0309); 1e-3 also pulls small
+entries of the map to zero (0.0324).
 """
 
 # Scale of the learned W * W, which puts its median (0.44 on TOSCA's cats) near the Laplacian's
-# (0.10). Errors of shapes left out, times 100, with 1e-4, 1e-3 and 1e-2: 3.06, 3.04, 3.04;
+# (0.10). Errors of shapes left out, times 100, with 1e-4, 1e-3 and 1e-2: 3.06, 3.04, 3.04; with the
 # Laplacian 3.09.
 _LEARNED_SCALE = 1e-3
-# Added to the mean squares, of which a tenth is below 6e-5. With 1e-5, 1e-4, 1e-3: 3.05, 3.04,
-# 3.09.
+# Added to the mean squares; a tenth of these are below 6e-5. Errors with 1e-5, 1e-4, 1e-3: 3.05,
+# 3.04, 3.09.
 _LEAST_VARIANCE = 1e-4
-# Standard deviation of the Gaussian over neighbouring entries. With 0, 1 and 2: 2.97, 3.04, 3.59
-# for nine training shapes beside the reference, 3.28, 3.19, 3.72 for three.
+# Standard deviation of the Gaussian over neighbouring entries. Errors with 0, 1 and 2: 2.97, 3.04,
+# 3.59 for nine training shapes besides the reference, 3.28, 3.19, 3.72 for three.
 _NEIGHBOURS = 1.0
 
 Regularizer = Callable[[FloatArray, FloatArray], FloatArray]
@@ -49,7 +50,7 @@ Regularizer = Callable[[FloatArray, FloatArray], FloatArray]
 def laplacian_mask(evals_i: FloatArray, evals_0: FloatArray) -> FloatArray:
     """Return W_kl = (lambda_k of S_i - lambda_l of S_0) / the last lambda of S_0, shape (k_i, k_0).
 
-    The commutator of C with the Laplacians (section 2.1), free of units.
+    This penalises the commutator of C with the Laplacians (section 2.1), and has no units.
     """
     return (evals_i[:, None] - evals_0[None, :]) / evals_0[-1]
 
@@ -57,8 +58,8 @@ def laplacian_mask(evals_i: FloatArray, evals_0: FloatArray) -> FloatArray:
 def resolvent_mask(evals_i: FloatArray, evals_0: FloatArray) -> FloatArray:
     """Return W of the commutator with the resolvents, shape (k_i, k_0).
 
-    Ren et al. 2019, with gamma = 1/2. Unlike the Laplacian's it stays bounded, and so leaves the
-    upper functions freer.
+    See Ren et al. 2019, with gamma = 1/2. Unlike the Laplacian mask it is bounded, and therefore
+    constrains the higher functions less.
     """
     roots = [np.sqrt(np.maximum(evals, 0) / evals_0[-1]) for evals in (evals_i, evals_0)]
     real, imaginary = zip(*((x / (1 + x**2), 1 / (1 + x**2)) for x in roots), strict=True)
@@ -67,12 +68,12 @@ def resolvent_mask(evals_i: FloatArray, evals_0: FloatArray) -> FloatArray:
 
 @dataclass(frozen=True, eq=False)
 class LearnedMask:
-    """W that known maps have taught: large where their entries are small.
+    """W estimated from known maps: large where their entries are small.
 
     Attributes
     ----------
     mask : ndarray of shape (k, k)
-        W, whatever the eigenvalues.
+        W, which does not depend on the eigenvalues.
     """
 
     mask: FloatArray
@@ -83,31 +84,31 @@ class LearnedMask:
 
 
 def learned_mask(maps: FloatArray, sample_weight: FloatArray | None = None) -> LearnedMask:
-    r"""Return W that is large where the entries of known maps are small.
+    r"""Return a mask W that is large where the entries of known maps are small.
 
     .. math:: W_{kl}^2 = \frac{s}{v_{kl} + \varepsilon}, \qquad s = 10^{-3},
               \quad \varepsilon = 10^{-4}
 
-    Here v is the mean square of each entry over the maps, averaged over neighbouring entries by a
-    Gaussian with a standard deviation of one entry. That is the prior of independent Gaussian
-    entries with these variances, which the size of a real deformation sets rather than a perfect
-    isometry. No W * W is larger than s / eps = 10.
+    Here v is the mean square of each entry over the maps, smoothed over neighbouring entries by a
+    Gaussian with a standard deviation of one entry. This corresponds to a prior of independent
+    Gaussian entries with these variances, which reflect real deformations rather than perfect
+    isometries. W * W is at most s / eps = 10.
 
     Parameters
     ----------
     maps : ndarray of shape (N, k, k)
         Known functional maps.
     sample_weight : ndarray of shape (N,), optional
-        Share of each.
+        Share of each map.
 
     Returns
     -------
     LearnedMask
-        A regulariser.
+        The regulariser.
 
     Examples
     --------
-    Maps whose entries are all 0.3; W * W is 1e-3 / (0.09 + 1e-4):
+    For maps whose entries are all 0.3, W * W is 1e-3 / (0.09 + 1e-4):
 
     >>> import numpy as np
     >>> from skfmap.functional import learned_mask
@@ -129,12 +130,12 @@ def penalty_of(
 ) -> FloatArray:
     """Return the diagonals of the row systems' regulariser, shape (k_i, k_0).
 
-    That is alpha (W * W + floor), with `DIAGONAL_FLOOR`.
+    They are alpha (W * W + `DIAGONAL_FLOOR`).
 
     Raises
     ------
     ValueError
-        If a callable regulariser returns another shape or values that are not finite.
+        If a callable regulariser returns an array of another shape, or values that are not finite.
     """
     mask = np.asarray(
         (REGULARIZERS[regularizer] if isinstance(regularizer, str) else regularizer)(
@@ -156,11 +157,11 @@ class PenaltyQuadratic(NamedTuple):
     Attributes
     ----------
     t : ndarray of shape (n_shapes, k)
-        A number for each row of each shape.
+        Argument of the quadratic for each row of each shape.
     a, b, c : ndarray of shape (k,)
-        Of each column.
+        Coefficients of the quadratic for each column.
     growth : float
-        0 or positive.
+        Coefficient of t^2 on the left-hand side, non-negative.
     """
 
     t: FloatArray
@@ -173,25 +174,25 @@ class PenaltyQuadratic(NamedTuple):
 def penalty_quadratic(
     evals: FloatArray, evals_0: FloatArray, alpha: float, regularizer: str | Regularizer
 ) -> PenaltyQuadratic | None:
-    """Return all penalties in the form that lets one decomposition solve all row systems.
+    """Return all penalties in a form in which one decomposition solves all row systems.
 
-    For the Laplacian, W = t - y with t and y eigenvalues over the last of S_0. For the resolvents,
-    W^2 = (t - y)^2 / ((1 + t^2) (1 + y^2)) with t and y the roots of those. None for any other
-    regulariser.
+    For the Laplacian, W = t - y, where t and y are eigenvalues divided by the last one of S_0. For
+    the resolvents, W^2 = (t - y)^2 / ((1 + t^2) (1 + y^2)), where t and y are the square roots of
+    these ratios.
 
     Parameters
     ----------
     evals, evals_0 : ndarray of shape (n_shapes, k), ndarray of shape (k,)
         Eigenvalues.
     alpha : float
-        Strength.
+        Strength of the regulariser.
     regularizer : str or callable
         As in `penalty_of`.
 
     Returns
     -------
     PenaltyQuadratic or None
-        The same penalties as `penalty_of`.
+        The same penalties as `penalty_of`; None for any other regulariser.
     """
     if regularizer == "laplacian":
         growth, t, y = 0.0, evals / evals_0[-1], evals_0 / evals_0[-1]

@@ -1,9 +1,9 @@
-"""How far points land from where they belong, and how far to trust each function for that.
+"""Residuals of functional maps in the embedding, and how far to trust each function.
 
-A functional map puts a point x of S_i at the row of Phi_i C, while its image T x sits at the row of
-Phi_0. How the two differ on the training shapes is what a nearest-neighbour search on a new shape
-has to forgive: some functions are mapped worse than others (section 4.1 of the paper), and a map
-cut to k functions moves every point a little.
+A functional map puts a point x of S_i at its row of Phi_i C, while its image T x is at its row of
+Phi_0. A nearest-neighbour search on a new shape must tolerate the differences between the two that
+occur on the training shapes: some functions are mapped worse than others (section 4.1 of the
+paper), and truncating a map to k functions moves every point a little.
 """
 
 import numpy as np
@@ -12,19 +12,19 @@ from skfmap._tools.types import FloatArray
 
 __all__ = ["calibrated_covariance", "residual_covariance", "trusted_functions"]
 
-# Added to the eigenvalues of a covariance, as a share of their mean: no function is trusted
-# without limit. Errors of TOSCA's cats left out, times 100, matched and refined (bijective
+# Added to the eigenvalues of a covariance, as a fraction of their mean, so that no function is
+# trusted without limit. Errors of TOSCA's cats left out, times 100, matched and refined (bijective
 # ZoomOut), with 0.05: 3.01, 1.83; with 0.2: 3.09, 1.76; with 0.5: 3.19, 1.77.
 _FLOOR = 0.2
-# A pair that alone decides where its map puts it says nothing: residuals are enlarged ten times
-# at most. Of the cats' pairs, one in a hundred is held at two landmarks per function, none at
-# three.
+# Largest leverage, so that residuals are enlarged at most ten times; a pair that alone determines
+# its own position carries no information. With two landmarks per function the cap applies to one in
+# a hundred of the cats' pairs, with three to none.
 _MOST_LEVERAGE = 0.9
-# Eigenvalues of a Gram matrix, as a share of its largest, that are nil to rounding: what no pair
-# sees.
+# Eigenvalues of a Gram matrix below this fraction of the largest are zero up to rounding: no pair
+# determines these functions.
 _UNSEEN = 1e-10
 
-# Share of the residuals' own covariance in `calibrated_covariance`, which has the figures.
+# Weight of the residuals' own covariance in `calibrated_covariance`; its Notes give the figures.
 _OBSERVED = 0.3
 
 
@@ -41,20 +41,20 @@ def residual_covariance(
               \qquad r_q = \Phi_i(x_q)\, C - \Phi_0(T x_q)
 
     Its part within the first k functions of S_i is Y diag(s^2) Y^T of the stable basis; the rest is
-    what the cut to k functions costs.
+    the error of truncating to k functions.
 
     Parameters
     ----------
     evecs_i, evecs_0 : ndarray of shape (n_pairs, k)
         Eigenfunctions at paired points of S_i and S_0.
     areas : ndarray of shape (n_pairs,)
-        Area that each pair stands for.
+        Area that each pair represents.
     C : ndarray of shape (k, k)
         Functional map, from functions on S_0 to functions on S_i.
     leverage_of : ndarray of shape (k, k), optional
-        If ``C`` was fitted to these very pairs by least squares, its Gram matrix. Each residual is
-        then the one that the pair would have if it had been left out, so that few pairs do not look
-        better than many.
+        Gram matrix of the fit, if ``C`` was fitted to these same pairs by least squares. Each
+        residual is then the one that the pair would have if it had been left out; otherwise a few
+        pairs would appear to fit better than many.
 
     Returns
     -------
@@ -71,19 +71,20 @@ def residual_covariance(
 
 
 def calibrated_covariance(covariance: FloatArray, residuals: FloatArray) -> FloatArray:
-    """Return a covariance whose variances are those of a few residuals that can be relied on.
+    """Return a covariance whose variances are those of a few reliable residuals.
 
-    What built maps show of themselves is too good, in some functions more than in others: they go
-    where functions agree. What they miss at landmarks that were left out of the building is true,
-    but few points do not tell how functions err together. So the correlations are those of the
-    covariance, the variances those of the residuals, and the residuals' own covariance has a share.
+    The residuals of maps that were built from landmarks are too small, for some functions more than
+    for others, because the maps were optimised to agree with these functions. The residuals at
+    landmarks left out of the building are unbiased, but too few to estimate correlations between
+    functions. The result therefore combines the correlations of ``covariance`` with the variances
+    of ``residuals``, and mixes in the residuals' own covariance with a weight of 0.3.
 
     Parameters
     ----------
     covariance : ndarray of shape (k, k)
-        From `residual_covariance`.
+        Covariance from `residual_covariance`.
     residuals : ndarray of shape (n, k)
-        At landmarks left out.
+        Residuals at landmarks left out.
 
     Returns
     -------
@@ -92,10 +93,10 @@ def calibrated_covariance(covariance: FloatArray, residuals: FloatArray) -> Floa
 
     Notes
     -----
-    Refined errors of three of TOSCA's cats, left out, where known maps are built from 13, 25 and 50
-    landmarks: 0.0268, 0.0264 and 0.0259 with the first covariance alone; where the residuals'
-    covariance has a share of 0 beside their variances, 0.0255, 0.0256 and 0.0250; of 0.3, 0.0250,
-    0.0261 and 0.0251; of 0.5, 0.0254, 0.0264 and 0.0254. From all pairs 0.0242.
+    Refined errors of three of TOSCA's cats, left out, with known maps built from 13, 25 and 50
+    landmarks: 0.0268, 0.0264 and 0.0259 with ``covariance`` alone; 0.0255, 0.0256 and 0.0250 with
+    the variances of the residuals and a weight of 0; 0.0250, 0.0261 and 0.0251 with a weight of
+    0.3; 0.0254, 0.0264 and 0.0254 with a weight of 0.5. The error from all pairs is 0.0242.
 
     Examples
     --------
@@ -114,14 +115,14 @@ def calibrated_covariance(covariance: FloatArray, residuals: FloatArray) -> Floa
 def trusted_functions(covariance: FloatArray) -> FloatArray:
     """Return the functions on S_0 in which points are matched, scaled by how far to trust each.
 
-    The eigenvectors v of the covariance, each divided by its eigenvalue plus a floor, so that a
-    difference between two points counts less where maps are known to err. A function without error
-    has weight 1.
+    They are the eigenvectors of the covariance, each divided by its eigenvalue plus a floor, so
+    that differences between points count less in functions that are mapped badly. A function
+    without error has weight 1.
 
     Parameters
     ----------
     covariance : ndarray of shape (k, k)
-        From `residual_covariance`, averaged over training shapes.
+        Covariance from `residual_covariance`, averaged over training shapes.
 
     Returns
     -------
@@ -130,10 +131,10 @@ def trusted_functions(covariance: FloatArray) -> FloatArray:
 
     Notes
     -----
-    Division by the square root would make distances those of Mahalanobis, the likelihood of
-    Gaussian residuals. It matches worse: the errors of TOSCA's cats left out in turn are 0.0309
-    with the eigenvalue and 0.0333 with its root, refined (bijective ZoomOut) 0.0176 and 0.0184;
-    with the best of other floors for the root 0.0314 and 0.0179.
+    Division by the square root of the eigenvalue would give Mahalanobis distances, the likelihood
+    of Gaussian residuals, but it matches worse. The errors of TOSCA's cats, left out in turn, are
+    0.0309 with the eigenvalue and 0.0333 with its root; after refinement (bijective ZoomOut) 0.0176
+    and 0.0184. With the best other floor the root gives 0.0314 and 0.0179.
     """
     eigenvalues, vectors = np.linalg.eigh(covariance)
     floor = _FLOOR * float(eigenvalues.mean())

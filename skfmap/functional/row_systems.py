@@ -1,4 +1,4 @@
-"""The row systems of equation (2), factorised one by one, or once for shapes that share them."""
+"""The row systems of equation (2), factorised per shape, or once for all shapes that share them."""
 
 import numpy as np
 from scipy.linalg.lapack import dpotrf, dpotrs
@@ -27,7 +27,7 @@ class RowSystems:
     Raises
     ------
     numpy.linalg.LinAlgError
-        If a system is not positive definite to rounding.
+        If a system is not positive definite up to rounding.
     """
 
     def __init__(self, gram: FloatArray, penalty: FloatArray) -> None:
@@ -39,33 +39,33 @@ class RowSystems:
             factor, info = dpotrf(system, overwrite_a=True, clean=False)
             if info != 0:
                 raise np.linalg.LinAlgError(
-                    "A row system is not positive definite; raise alpha, or drop probes of "
-                    "extreme weight."
+                    "A row system is not positive definite; raise alpha, or remove probes with "
+                    "extreme weights."
                 )
             self.factors.append(factor)
 
     def solve(self, rhs: FloatArray) -> FloatArray:
-        """Return the solution of each row's system for that row of ``rhs``, shape (n_rows, k)."""
+        """Solve the system of each row for the same row of ``rhs``; shape (n_rows, k)."""
         return np.stack(
             [dpotrs(factor, row)[0] for factor, row in zip(self.factors, rhs, strict=True)]
         )
 
 
 class SharedRowSystems:
-    """Row systems that are the same for every shape: one factor for each row serves all.
+    """Row systems that are the same for all shapes, so that each row is factorised only once.
 
     Parameters
     ----------
     gram : ndarray of shape (k, k)
         G_0 D^2 G_0^T.
     penalty : ndarray of shape (k, k)
-        Diagonals of the rows' regularisers, on every shape.
+        Diagonals of the rows' regularisers, the same on all shapes.
     """
 
     def __init__(self, gram: FloatArray, penalty: FloatArray) -> None:
         self._rows = RowSystems(gram, penalty)
 
     def solve(self, rhs: FloatArray) -> FloatArray:
-        """Return the solutions, shape (n_shapes, k, k), row by row for all shapes at once."""
+        """Return the solutions of all shapes, shape (n_shapes, k, k)."""
         by_row = [dpotrs(factor, rhs[:, r].T)[0].T for r, factor in enumerate(self._rows.factors)]
         return np.stack(by_row, axis=1)

@@ -1,4 +1,4 @@
-"""Well-spread points of a shape that stand for all, where a part of them is enough."""
+"""Well-spread samples of the points of a shape."""
 
 import numpy as np
 
@@ -7,27 +7,27 @@ from skfmap.functional.neighbours import nearest
 
 __all__ = ["areas_of_samples", "farthest_points"]
 
-# Share of the largest distance within which distances are equal.
+# Distances that differ by less than this fraction of the largest count as equal.
 _ROUNDING = 1e-9
 
 
 def farthest_points(points: FloatArray, n_samples: int) -> IntArray:
-    """Return points each of which is farthest from those before it, in space.
+    """Return farthest-point samples, by Euclidean distance.
 
-    The first is farthest from the centre of all; of points that are as far but for rounding, the
-    first is taken.
+    The first sample is the point farthest from the centroid; each further one is farthest from the
+    samples before it. Of points that are equally far up to rounding, the first is taken.
 
     Parameters
     ----------
     points : ndarray of shape (n_points, 3)
-        Vertices.
+        Points, usually vertices.
     n_samples : int
-        How many; all if there are no more.
+        Number of samples; all points are returned if there are fewer.
 
     Returns
     -------
     ndarray of int, shape (min(n_samples, n_points),)
-        Rows of ``points``, in the order in which they were found.
+        Rows of ``points``, in the order in which they were chosen.
 
     Examples
     --------
@@ -39,7 +39,7 @@ def farthest_points(points: FloatArray, n_samples: int) -> IntArray:
     centred = points - points.mean(axis=0)
     distances = np.einsum("ij,ij->i", centred, centred)  # from the centre, for the first
     ones = np.ones(len(points))
-    # Squared distances from a point are the product of all rows with one of its own.
+    # The squared distances from a point are the product of its row with all columns.
     rows = np.column_stack([centred, distances, ones])
     columns = np.column_stack([-2 * centred, ones, distances]).T.copy()
     chosen = np.empty(min(n_samples, len(points)), dtype=np.int64)
@@ -50,12 +50,12 @@ def farthest_points(points: FloatArray, n_samples: int) -> IntArray:
         if number == 0:
             distances[:] = np.inf
         np.minimum(distances, rows[last] @ columns, out=distances)
-        distances[last] = -1.0  # no rounding brings it back
+        distances[last] = -1.0  # never chosen again, whatever the rounding
     return chosen
 
 
 def areas_of_samples(points: FloatArray, areas: FloatArray, samples: IntArray) -> FloatArray:
-    """Return the area of all points that are nearest to each sample.
+    """Return, for each sample, the total area of the points nearest to it.
 
     Parameters
     ----------
@@ -67,7 +67,7 @@ def areas_of_samples(points: FloatArray, areas: FloatArray, samples: IntArray) -
     Returns
     -------
     ndarray of shape (n_samples,)
-        With the sum of ``areas``.
+        Areas; their sum is the sum of ``areas``.
     """
     owners = nearest(points, points[samples])
     return np.asarray(np.bincount(owners, areas, minlength=len(samples)), dtype=np.float64)

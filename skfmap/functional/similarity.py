@@ -1,4 +1,4 @@
-"""Similarities between paired points, and whether they need a reflection."""
+"""Similarity transformations between paired points, and whether they need a reflection."""
 
 from typing import NamedTuple
 
@@ -16,30 +16,31 @@ __all__ = [
     "side_of",
 ]
 
-# Up to which what a similarity leaves, as a share of squares, is that of stiff shapes, and points
-# that it takes to tell. Between landmarks of any two of twenty mandibles or eleven skulls 0.006 is
-# left at most, between cats 0.2 in the median; three points of anything are explained.
+# Shapes count as rigid if the residual of the best similarity, as a fraction of the sum of squares,
+# is at most STIFF; judging it takes at least TELLING points, because a similarity fits any three
+# points. The residual between landmarks of any two of twenty mandibles or eleven skulls is at most
+# 0.006, that between cats 0.2 in the median.
 STIFF, TELLING = 0.02, 6
-# How much less one of two similarities leaves, with a reflection and without, that tells the side.
-# Mandibles are nearly flat: with a reflection they leave 0.0133 and more, 3.6 times as much at
-# least. Bodies that bend cannot be told so: between people 0.048 is left with one, and between
-# four-legged animals 0.76 of what is left without one.
+# The side is known if the residuals with and without a reflection differ by this factor. Mandibles
+# are nearly flat: their residual with a reflection is 0.0133 or more, at least 3.6 times the
+# residual without one. The rule fails for bodies that bend: between people the residual with a
+# reflection is 0.048, and between four-legged animals 0.76 of the residual without one.
 _TIMES = 2.0
-# The reflection: of the first coordinate, which runs from side to side in scanners' coordinates.
+# The reflection of the first coordinate, which is left to right in the coordinates of scanners.
 MIRROR = np.array([-1.0, 1.0, 1.0])
 
 
 class Similarity(NamedTuple):
-    """A scale, a rotation and a shift: points x, as rows, go to ``scale * x @ rotation + shift``.
+    """Similarity transformation of row vectors x to ``scale * x @ rotation + shift``.
 
     Attributes
     ----------
     scale : float
-        Above 0.
+        Scale factor, positive.
     rotation : ndarray of shape (3, 3)
-        Proper.
+        Proper rotation.
     shift : ndarray of shape (3,)
-        Where the origin goes.
+        Translation.
     """
 
     scale: float
@@ -47,24 +48,24 @@ class Similarity(NamedTuple):
     shift: FloatArray
 
     def apply(self, points: FloatArray) -> FloatArray:
-        """Return where points go, shape (n, 3)."""
+        """Return the transformed points, shape (n, 3)."""
         return np.asarray(self.scale * points @ self.rotation + self.shift)
 
 
 def best_similarity(points: FloatArray, onto: FloatArray, weights: FloatArray) -> Similarity:
-    """Return the similarity that takes points nearest to others (Umeyama 1991).
+    """Return the least-squares similarity from points to their counterparts (Umeyama 1991).
 
     Parameters
     ----------
     points, onto : ndarray of shape (n, 3)
-        Paired points; the first are moved.
+        Paired points; ``points`` are moved.
     weights : ndarray of shape (n,)
-        How much each pair counts; not all of them 0.
+        Weight of each pair; not all of them 0.
 
     Returns
     -------
     Similarity
-        Without a reflection, of least weighted sum of squares.
+        The similarity without a reflection whose weighted sum of squares is smallest.
 
     Examples
     --------
@@ -89,22 +90,22 @@ def best_similarity(points: FloatArray, onto: FloatArray, weights: FloatArray) -
 def left_by_similarities(
     points: FloatArray, points_0: FloatArray, weights: FloatArray
 ) -> tuple[float, float]:
-    """Return what the best similarity, and the best one with a reflection, leave of paired points.
+    """Return the residuals of the best similarities, without and with a reflection.
 
-    By orthogonal Procrustes analysis: both have a rotation, a translation and a scale.
+    Orthogonal Procrustes analysis gives both; each has a rotation, a translation and a scale.
 
     Parameters
     ----------
     points, points_0 : ndarray of shape (n_pairs, 3)
         Paired points.
     weights : ndarray of shape (n_pairs,)
-        How much each pair counts; not all of them 0.
+        Weight of each pair; not all of them 0.
 
     Returns
     -------
     rotated, reflected : float
-        Sum of squares that is left, as a share of that about the centroid: from 0, where the points
-        of one set are those of the other, to 1. Both are 1 where all points of a set are one.
+        Residual sums of squares, as a fraction of the sum of squares about the centroid: from 0,
+        if the two sets are similar, to 1. Both are 1 if all points of a set coincide.
 
     Examples
     --------
@@ -128,12 +129,12 @@ def left_by_similarities(
 
 
 def side_of(rotated: float, reflected: float) -> int | None:
-    """Return -1 where points are mirrored, 1 where they are not, and None where they do not tell.
+    """Return -1 if points are mirrored, 1 if they are not, and None if this cannot be decided.
 
     Parameters
     ----------
     rotated, reflected : float
-        What is left of the points; from `left_by_similarities`.
+        Residuals, from `left_by_similarities`.
 
     Examples
     --------

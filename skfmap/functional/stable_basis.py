@@ -1,4 +1,4 @@
-"""Section 4.1: the functions that map stably, and equation (5)."""
+"""Section 4.1: the stable functions, and equation (5)."""
 
 import numpy as np
 
@@ -11,9 +11,10 @@ __all__ = ["basis_error", "missed_by_maps", "stable_basis"]
 def stable_basis(
     differences: FloatArray, sample_weight: FloatArray | None = None
 ) -> tuple[FloatArray, FloatArray]:
-    """Return an orthonormal basis of functions on S_0 by decreasing stability.
+    """Return an orthonormal basis of functions on S_0, in order of decreasing stability.
 
-    Right singular vectors of the stacked differences, the smallest singular value first.
+    The basis consists of the right singular vectors of the stacked differences, in order of
+    increasing singular value.
 
     Parameters
     ----------
@@ -27,7 +28,7 @@ def stable_basis(
     stable_basis : ndarray of shape (k, k)
         Y: coefficients in the eigenfunctions of S_0, one function per column.
     stability : ndarray of shape (k,)
-        Singular values, ascending: root of the summed squared error of each function.
+        Singular values, ascending: the square root of each function's summed squared error.
     """
     share = np.ones(len(differences)) if sample_weight is None else sample_weight
     stacked = (np.sqrt(share)[:, None, None] * differences).reshape(-1, differences.shape[2])
@@ -45,9 +46,9 @@ def basis_error(X: FloatArray, C: FloatArray, Y: FloatArray) -> FloatArray:
 def missed_by_maps(
     evecs_0: FloatArray, Y: FloatArray, stability: FloatArray, total_share: float
 ) -> FloatArray:
-    """Return how far learned maps miss each point of S_0, per training shape.
+    """Return the error of learned maps at each vertex of S_0, per training shape.
 
-    Shape (n_vertices_0,). Root of the sum over Y of squared (singular value times function): the
-    length of what maps add to the row of a point in the embedding.
+    The result has shape (n_vertices_0,). It is the root of the sum over Y of squared (singular
+    value times function): how far the maps move a point in the embedding.
     """
     return np.asarray(np.linalg.norm(evecs_0 @ (Y * stability), axis=1) / np.sqrt(total_share))

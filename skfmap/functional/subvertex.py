@@ -1,4 +1,4 @@
-"""Matches between the vertices of S_0: the nearest point of a triangle, in any dimension."""
+"""Nearest points on triangles in any dimension, for matches to places between vertices of S_0."""
 
 import numpy as np
 
@@ -6,14 +6,14 @@ from skfmap._tools.types import FloatArray
 
 __all__ = ["nearest_by_lengths", "nearest_on_triangles", "squared_edges"]
 
-# Squared sine of a corner's angle. Below it, twelve of sixteen digits of the determinant are
-# rounding, and all of the triangle is within 1e-6 of its length of its edges, which are searched
-# too.
+# Squared sine of a corner's angle below which a triangle counts as flat: twelve of sixteen digits
+# of the determinant are then rounding errors, and every point of the triangle is within 1e-6 of its
+# length of the edges, which are searched too.
 _FLAT = 1e-12
 
 
 def nearest_on_triangles(points: FloatArray, corners: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return where on its triangle each point is nearest.
+    """Return the nearest point of one triangle for each point.
 
     Parameters
     ----------
@@ -25,9 +25,9 @@ def nearest_on_triangles(points: FloatArray, corners: FloatArray) -> tuple[Float
     Returns
     -------
     barycentric : ndarray of shape (n, 3)
-        Coordinates of the nearest point, non-negative, summing to 1.
+        Barycentric coordinates of the nearest point, non-negative and summing to 1.
     squared : ndarray of shape (n,)
-        Squared distance to it.
+        Squared distance to the nearest point.
 
     Examples
     --------
@@ -42,14 +42,15 @@ def nearest_on_triangles(points: FloatArray, corners: FloatArray) -> tuple[Float
 
 
 def squared_edges(corners: FloatArray) -> FloatArray:
-    """Return squared lengths from the first corner to the second, on to the third, and back."""
+    """Return the squared lengths of the edges 0-1, 1-2 and 2-0 of each triangle."""
     return np.asarray(np.square(corners - np.roll(corners, -1, axis=1)).sum(axis=2))
 
 
 def nearest_by_lengths(to_corners: FloatArray, edges: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return where on its triangle each point is nearest, from lengths alone.
+    """Return the nearest point of one triangle for each point, from lengths alone.
 
-    In many dimensions these are what costs, and neighbouring triangles share most of them.
+    In many dimensions the lengths take most of the time, and neighbouring triangles share most of
+    them.
 
     Parameters
     ----------
@@ -61,7 +62,7 @@ def nearest_by_lengths(to_corners: FloatArray, edges: FloatArray) -> tuple[Float
     Returns
     -------
     barycentric, squared : ndarray of shape (n, 3), ndarray of shape (n,)
-        As of `nearest_on_triangles`.
+        As in `nearest_on_triangles`.
     """
     candidates = [_inside(to_corners, edges)]
     candidates += [_on_edge(to_corners, edges, a) for a in range(3)]
@@ -81,7 +82,7 @@ def _squared_distance(
 
 
 def _on_edge(to_corners: FloatArray, edges: FloatArray, a: int) -> FloatArray:
-    """Return the nearest point of the edge from corner a to the next."""
+    """Return the nearest point of the edge from corner ``a`` to the next corner."""
     b, length = (a + 1) % 3, edges[:, a]
     along = (to_corners[:, a] + length - to_corners[:, b]) / 2
     out = np.zeros_like(edges)
@@ -91,10 +92,10 @@ def _on_edge(to_corners: FloatArray, edges: FloatArray, a: int) -> FloatArray:
 
 
 def _inside(to_corners: FloatArray, edges: FloatArray) -> FloatArray:
-    """Return the foot of the point on the triangle's plane; the first corner if it lies outside.
+    """Return the projection onto the triangle's plane, or the first corner if it is outside.
 
-    With u and v from the first corner to the others, and w to the point, products are half of what
-    two squared lengths add up to beyond the third.
+    With u and v from the first corner to the others, and w to the point, each inner product is half
+    of the sum of two squared lengths minus the third.
     """
     (a, b, c), (uu, third_side, vv) = to_corners.T, edges.T
     uv, uw, vw = (uu + vv - third_side) / 2, (a + uu - b) / 2, (a + vv - c) / 2

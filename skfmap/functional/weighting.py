@@ -14,20 +14,20 @@ WEIGHTINGS: tuple[WeightingWord | None, ...] = (None, "unique", "category", "fun
 def weight_groups(
     weighting: str | Sequence[Hashable] | None, categories: Sequence[str]
 ) -> IntArray:
-    """Return the number of the free weight that each probe uses, shape (n_probes,).
+    """Return the index of the free weight that each probe uses, shape (n_probes,).
 
     Parameters
     ----------
     weighting : {"unique", "category", "function"}, sequence of labels or None
-        One weight for all, one per category, one per probe function, one for all probes of a label,
-        or none to learn (D = I).
+        One weight for all probes, one per category, one per probe function, one per label, or no
+        weights to learn (D = I).
     categories : sequence of str
         Category of each probe.
 
     Returns
     -------
     groups : ndarray of int, shape (n_probes,)
-        Numbers from 0; all -1 if there is nothing to learn.
+        Indices from 0; all -1 if there is nothing to learn.
 
     Examples
     --------
@@ -50,7 +50,9 @@ def weight_groups(
 
 
 def coarse_groups(groups: IntArray, categories: Sequence[str]) -> IntArray | None:
-    """Return groups of one weight per category, or None if they do not join whole groups.
+    """Return groups with one weight per category.
+
+    None if the categories are not unions of whole groups, or are not fewer than the groups.
 
     Examples
     --------
@@ -65,7 +67,7 @@ def coarse_groups(groups: IntArray, categories: Sequence[str]) -> IntArray | Non
 
 
 def check_weighting(weighting: object, n_probes: int) -> None:
-    """Raise unless `weight_groups` can use it for so many probes."""
+    """Raise unless ``weighting`` is valid for this number of probes."""
     if weighting is None or (isinstance(weighting, str) and weighting in WEIGHTINGS):
         return
     if isinstance(weighting, str) or not hasattr(weighting, "__len__"):
@@ -85,6 +87,6 @@ def check_weighting(weighting: object, n_probes: int) -> None:
 
 
 def _numbered(labels: Sequence[Hashable]) -> IntArray:
-    """Return labels as numbers, in the order in which they first occur."""
+    """Return labels as integers, numbered in order of first occurrence."""
     number = {label: i for i, label in enumerate(dict.fromkeys(labels))}
     return np.array([number[label] for label in labels], dtype=np.int64)

@@ -1,4 +1,4 @@
-"""The learner: an assembly of parts that each know one thing."""
+"""The learner, and the parts that it is composed of."""
 
 from skfmap.learner.bridged import BridgedLearner
 from skfmap.learner.confidence import Confidence, CrossFitConfidence, Trust

@@ -1,4 +1,4 @@
-"""Matches through a training shape that is near, whose way to the reference is known."""
+"""Matching through a similar training shape whose correspondence to the reference is known."""
 
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
@@ -45,39 +45,39 @@ from skfmap.shapes.usable import Answer, ProbedItem, put_back
 
 __all__ = ["BridgedLearner"]
 
-# A bridge is taken only if errors on shapes left out are lower by a margin: taken on the women,
-# not on the cats, as it should be (docs/benchmarks.rst).
+# A bridge is used only if it reduces errors on shapes left out below this fraction. It is used for
+# the women and not for the cats, as it should be (docs/benchmarks.rst).
 _WORTH = 0.9
 
 
 class BridgedLearner(Versioned, BaseEstimator):
-    """Match through a similar training shape, if the reference is unlike the other shapes.
+    """Match through a similar training shape if the reference is unlike the other shapes.
 
-    Points of a new shape go to the training shape (the bridge) by maps that are learned to it as
-    well, and from there to the reference by its own known correspondence, extended to all its
-    vertices. The functional map is the learner's, from functions on the reference S_0 to functions
-    on each shape; point maps go from each shape to S_0.
+    Points of a new shape are first mapped to a training shape (the bridge), by maps that are
+    learned for it as well. From there they follow the known correspondence of the bridge to the
+    reference, extended to all vertices. The functional map is that of the learner, from functions
+    on the reference S_0 to functions on each shape; point-to-point maps go from each shape to S_0.
 
     Parameters
     ----------
     estimator : WeightedFunctionalMapLearner
-        The learner. This object takes its place as the last step of a pipeline. For
-        ``through="auto"`` it needs its ``confidence``.
+        The learner. In a pipeline, use the BridgedLearner as the last step in its place. For
+        ``through="auto"`` the learner needs a ``confidence``.
     through : str, default="auto"
-        ``"auto"`` chooses the training shape whose functions represent the known maps of the others
-        best, and uses whichever way has the lower error on held-out training shapes; a name takes
-        that training shape in any case.
+        ``"auto"`` selects the training shape whose functions represent the known maps of the others
+        best, and uses it if that reduces the error on held-out training shapes. The name of a
+        training shape always uses that shape.
 
     Attributes
     ----------
     estimator_ : WeightedFunctionalMapLearner
         The learner, fitted on the reference.
     bridge_ : WeightedFunctionalMapLearner or None
-        The learner whose reference is the bridge, if points go through one. A model then holds both
+        The learner whose reference is the bridge, if one is used. The model then contains both
         meshes.
     bridge_errors_ : dict
-        Mean errors on held-out training shapes, ``"direct"`` and ``"bridge"``; empty if no bridge
-        was looked for or errors are not calibrated.
+        Mean errors on held-out training shapes, ``"direct"`` and ``"bridge"``; empty if there was
+        no bridge to try, or errors are not calibrated.
     reference_, weights_, stable_basis_ and all other fitted attributes of the learner
         Read from ``estimator_``.
 
@@ -99,7 +99,7 @@ class BridgedLearner(Versioned, BaseEstimator):
         y: Sequence[Answer],
         sample_weight: Sequence[float] | None = None,
     ) -> Self:
-        """Learn the maps to the reference and to the bridge, which takes twice as long.
+        """Learn the maps to the reference and to the bridge; this takes twice as long.
 
         Parameters
         ----------
@@ -109,13 +109,14 @@ class BridgedLearner(Versioned, BaseEstimator):
         Returns
         -------
         BridgedLearner
-            Itself.
+            The fitted learner.
 
         Raises
         ------
         ValueError
-            If ``through`` does not name one training shape beside the reference, or leaves no
-            other; or if it is ``"auto"`` and the learner calibrates no errors.
+            If ``through`` does not name exactly one training shape other than the reference, or if
+            no other shape is left to learn from; also if it is ``"auto"`` and the learner does not
+            calibrate errors.
         """
         self._check_parameters(X)
         learner = clone(self.estimator).fit(X, y, sample_weight)
@@ -125,7 +126,7 @@ class BridgedLearner(Versioned, BaseEstimator):
         across: Across | None = None
         errors: dict[str, float] = {}
         if index is not None:
-            learner._tell(f"learning the maps to {training.describe(index)} as well")
+            learner._tell(f"learning the maps to the bridge, {training.describe(index)}")
             bridge, across = _learn_bridge(self.estimator, training, index)
             errors = _errors(learner, bridge, across)
             learner._tell(f"errors on shapes left out: {errors or 'not known'}")
@@ -204,7 +205,8 @@ class BridgedLearner(Versioned, BaseEstimator):
         Returns
         -------
         list of Match
-            Errors to expect are those of the match to the bridge and of the way from there, added.
+            Expected errors are the sum of those of the match to the bridge and those of the
+            correspondence from there to the reference.
         """
         check_is_fitted(self)
         if self.bridge_ is None or self._across is None:
@@ -230,9 +232,9 @@ class BridgedLearner(Versioned, BaseEstimator):
     def match_between(
         self, X: Sequence[ProbedItem], pairs: Iterable[tuple[int, int]] | None = None
     ) -> list[Match]:
-        """Match shapes to one another, in what they have in common with the bridge.
+        """Match shapes to one another, by what they have in common with the bridge.
 
-        The way from the bridge to the reference plays no part in it.
+        The correspondence from the bridge to the reference is not used.
 
         Parameters
         ----------
@@ -242,14 +244,14 @@ class BridgedLearner(Versioned, BaseEstimator):
         Returns
         -------
         list of Match
-            One for each pair.
+            One match for each pair.
         """
         check_is_fitted(self)
         learner = self.estimator_ if self.bridge_ is None else self.bridge_
         return learner.match_between(X, pairs)
 
     def point_maps(self, X: Sequence[ProbedItem], **how: Any) -> list[IntArray]:
-        """Return point maps alone; parameters as in `WeightedFunctionalMapLearner.point_maps`.
+        """Return point-to-point maps only, as `WeightedFunctionalMapLearner.point_maps` does.
 
         Parameters
         ----------
@@ -261,7 +263,7 @@ class BridgedLearner(Versioned, BaseEstimator):
         Returns
         -------
         list of ndarray of int, each of shape (n_vertices_i,)
-            Vertex of the reference for each vertex of S_i; -1 where there is none.
+            Vertex of the reference for each vertex of S_i; -1 if there is none.
         """
         check_is_fitted(self)
         if self.bridge_ is None or self._across is None:
@@ -282,7 +284,7 @@ class BridgedLearner(Versioned, BaseEstimator):
         reference_y: Answer | None = None,
         **how: Any,
     ) -> list[PairErrors]:
-        """Match shapes of known correspondence and return the error at each pair.
+        """Match shapes with known correspondences and return the error at each pair.
 
         Parameters
         ----------
@@ -292,7 +294,7 @@ class BridgedLearner(Versioned, BaseEstimator):
         Returns
         -------
         list of PairErrors
-            In units of sqrt(area) of the reference.
+            Errors in units of sqrt(area) of the reference.
         """
         check_is_fitted(self)
         learner = self.estimator_
@@ -325,12 +327,12 @@ class BridgedLearner(Versioned, BaseEstimator):
         Parameters
         ----------
         X, y, sample_weight, reference_y : optional
-            As there.
+            As in `WeightedFunctionalMapLearner.score`.
 
         Returns
         -------
         float
-            In units of sqrt(area) of the reference.
+            The score in units of sqrt(area) of the reference.
         """
         means = [
             errors.mean("direct") for errors in self.pair_errors(X, y, reference_y=reference_y)
@@ -346,8 +348,8 @@ class BridgedLearner(Versioned, BaseEstimator):
     def _check_parameters(self, X: Sequence[ProbedItem]) -> None:
         if not isinstance(self.estimator, WeightedFunctionalMapLearner):
             raise TypeError(
-                "estimator must be a WeightedFunctionalMapLearner object, and the bridged one the "
-                f"last step of the pipeline; got {type(self.estimator).__name__}."
+                "estimator must be a WeightedFunctionalMapLearner, and the BridgedLearner the last "
+                f"step of the pipeline; got {type(self.estimator).__name__}."
             )
         if not isinstance(self.through, str):
             raise ValueError(
@@ -357,9 +359,10 @@ class BridgedLearner(Versioned, BaseEstimator):
             self._check_name([shape.name for shape in check_shapes(X, self.estimator.n_functions)])
         elif not self._calibrates():
             raise ValueError(
-                "through='auto' compares expected errors, and the learner's confidence "
-                f"{self.estimator.confidence!r} knows none: give it confidence='cross-fit', or "
-                "name the training shape to go through, which every fold of a search must hold."
+                "through='auto' compares expected errors, but confidence="
+                f"{self.estimator.confidence!r} of the learner does not provide them. Set "
+                "confidence='cross-fit', or name the training shape to go through; every fold of a "
+                "search must then contain it."
             )
 
     def _calibrates(self) -> bool:
@@ -369,23 +372,21 @@ class BridgedLearner(Versioned, BaseEstimator):
     def _check_name(self, names: Sequence[str | None]) -> None:
         if names.count(self.through) != 1:
             raise ValueError(
-                f"through={self.through!r} must name exactly one of the training shapes beside the "
-                f"reference: {', '.join(map(str, names))}. A fold that leaves it out cannot be "
-                "fitted; through='auto' (with confidence='cross-fit') chooses anew in each."
+                f"through={self.through!r} must name exactly one training shape other than the "
+                f"reference, out of {', '.join(map(str, names))}. A fold without it cannot be "
+                "fitted; through='auto' (with confidence='cross-fit') chooses again in each fold."
             )
 
     def _bridge_index(self, training: TrainingSet) -> int | None:
-        """Return which of the training shapes is the bridge.
-
-        None if there are too few to choose from.
-        """
+        """Return the index of the bridge; None if there are too few shapes to choose from."""
         if self.through == "auto":
             return choose_bridge(training)
         names = [shape.name for shape in training.shapes]
         self._check_name(names)
         if len(names) < 2:
             raise ValueError(
-                f"Beside the bridge {self.through!r} no training shape is left to learn from."
+                f"Besides the bridge {self.through!r} there is no training shape to learn from; "
+                "give at least one more."
             )
         return names.index(self.through)
 
@@ -395,9 +396,10 @@ class BridgedLearner(Versioned, BaseEstimator):
 
 
 def choose_bridge(training: TrainingSet) -> int | None:
-    """Return the training shape that leaves the least of the others, or None below three.
+    """Return the training shape whose functions represent the others best.
 
-    What is left is measured in its functions, by the others' known maps.
+    This is the shape with the smallest sum of residuals of the known maps from it to the others.
+    None if there are fewer than three shapes.
     """
     used = [int(i) for i in training.used]
     if len(used) < 3:
@@ -426,7 +428,7 @@ def _what_is_left(training: TrainingSet, i: int, j: int) -> float:
 def _learn_bridge(
     estimator: WeightedFunctionalMapLearner, training: TrainingSet, index: int
 ) -> tuple[WeightedFunctionalMapLearner, Across]:
-    """Learn the maps to a training shape, and extend its correspondence to the reference."""
+    """Learn the maps to a training shape, and extend its correspondence with the reference."""
     bridge, truth = on_working_mesh(training.shapes[index], training.truths[index])
     order = [index, *(i for i in range(len(training.shapes)) if i != index)]
     inner = clone(estimator).set_params(reference="first", verbose=0)
@@ -435,7 +437,7 @@ def _learn_bridge(
         [truth, *(training.truths[i] for i in order[1:])],
         [1.0, *training.share[order[1:]]],
     )
-    # What it shows has been told by the fit on the reference, with the caller's indices.
+    # The fit on the reference has already issued the warnings, with the caller's indices.
     fitted, _ = inner._fitted(to_bridge, FitTask.untold())
     vars(inner).update(fitted)
     across = cross_over(
@@ -451,7 +453,7 @@ def _learn_bridge(
 def _errors(
     learner: WeightedFunctionalMapLearner, bridge: WeightedFunctionalMapLearner, across: Across
 ) -> dict[str, float]:
-    """Return the mean errors on training shapes left out, directly and through the bridge."""
+    """Return the mean errors on held-out training shapes, directly and through the bridge."""
     if learner.confidence_ is None or bridge.confidence_ is None:
         return {}
     direct, inner = learner.confidence_.mean_error(), bridge.confidence_.mean_error()
@@ -465,7 +467,7 @@ def _cross(
     confidence: Confidence | None,
     across: Across,
 ) -> Match:
-    """Return the match to the reference that a match to the bridge makes.
+    """Return the match to the reference that follows from a match to the bridge.
 
     Its functional map is the direct one.
     """
@@ -478,7 +480,7 @@ def _cross(
         expected = expected + np.append(across.uncertainty, np.nan)[match.p2p]
     return replace(
         match,
-        p2p=np.append(across.p2p, -1)[match.p2p],  # -1, where a vertex was removed, finds the last
+        p2p=np.append(across.p2p, -1)[match.p2p],  # -1 (a removed vertex) picks the last entry
         expected_error=expected,
         functional_map=solution.C,
         reduced_map=solution.C @ matcher.stable_basis[:, : matcher.settings.n_stable],

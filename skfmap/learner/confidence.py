@@ -1,4 +1,4 @@
-"""Expected errors of matches, from training shapes that were held out from training in turn."""
+"""Expected errors of matches, estimated on held-out training shapes."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
@@ -25,22 +25,22 @@ __all__ = ["REFINED", "UNREFINED", "Confidence", "CrossFitConfidence", "Trust", 
 
 UNREFINED, REFINED = "unrefined", "refined"
 
-# The weights of a fold start from those of all shapes, and need not be polished: closer searches
-# match shapes left out no better (docs/speed.rst). On cats left out in turn, expected errors are
-# 0.0307 (true ones 0.0309) and rank points by 0.506; with searches from the beginning, of 28
-# evaluations rather than 3, 0.0305 and 0.504. With three training shapes they are 0.0319 and 0.0327
-# (true 0.0353).
+# The weights of a fold start from those of all shapes, and need not be converged tightly: longer
+# searches match shapes left out no better (docs/speed.rst). On cats left out in turn, the mean
+# expected error is 0.0307 (true 0.0309), with a rank correlation of 0.506; with searches from the
+# beginning, of 28 evaluations rather than 3, 0.0305 and 0.504. With three training shapes the
+# expected errors are 0.0319 and 0.0327 (true 0.0353).
 _MAX_ITER, _TOL = 60, 1e-3
 
-# Built pairs are off as landmarks are that were left out of the building, and matches in part as
-# they are: so much of it is added, in squares. Expected errors of cats left out are 0.82 of the
-# true ones by edge paths (four cats, 50 landmarks), as from all pairs (0.83, ten cats); with all of
-# it 1.22 (ten cats, 13 landmarks).
+# Built pairs have about the error of landmarks left out of the building, and matches share a part
+# of it. This fraction of it is added, in squares. Expected errors of cats left out are then 0.82 of
+# the true ones by edge paths (four cats, 50 landmarks), as with all pairs (0.83, ten cats); with
+# all of it 1.22 (ten cats, 13 landmarks).
 _OWN_PART = 0.5
 
 
 class Trust(NamedTuple):
-    """How far to trust a match: at each vertex, and as a whole (`Match` says what each is)."""
+    """How far to trust a match, at each vertex and as a whole; `Match` describes the fields."""
 
     expected_error: FloatArray
     confidence: FloatArray
@@ -49,9 +49,10 @@ class Trust(NamedTuple):
 
 
 class Confidence(Part, ABC):
-    """A way to say how far matches can be trusted; derive from it and implement `assess`.
+    """Base class of methods that assess how far matches can be trusted.
 
-    Whatever it has to learn from the training shapes goes into `fit`.
+    Derive from it and implement `assess`. If the method learns something from the training shapes,
+    override `fit`.
     """
 
     @abstractmethod
@@ -70,67 +71,70 @@ class Confidence(Part, ABC):
         Parameters
         ----------
         matcher : Matcher
-            What the match was made by.
+            The matcher that made the match.
         shape : ProbedShape
-            S_i.
+            The shape S_i.
         solution : Solution
-            Of equation (2).
+            The solution of equation (2).
         before, after : PointMatch
-            The match, and what refinement made of it.
+            The match before and after refinement.
         refined : bool
-            Whether that refinement is the one that the learner was fitted with.
+            Whether the refinement is the one that the learner was fitted with.
 
         Returns
         -------
         Trust
-            Expected errors and confidences at the vertices of S_i, and of the match as a whole.
+            Expected errors and confidences at the vertices of S_i, and an assessment of the match
+            as a whole.
         """
 
     def is_familiar(self, solution: Solution, misfit: float = np.nan) -> bool:  # noqa: ARG002
-        """Tell whether a shape is like the training shapes; True here.
+        """Return whether a shape is like the training shapes; this default returns True.
 
-        By its solution of equation (2), and by `Match.misfit` where there is a match.
+        Judge by its solution of equation (2), and by `Match.misfit` if there is a match.
         """
         return True
 
     def mean_error(self) -> float:
-        """Return the mean error of training shapes left out; NaN if that is not known."""
+        """Return the mean error on held-out training shapes; this default returns NaN."""
         return float("nan")
 
     def share_between(self) -> float:
-        """Return the errors between two new shapes, as a share of what they would be if unrelated.
+        """Return the ratio of errors between two new shapes to those of unrelated errors.
 
-        That is the root of the squares of both errors to the reference; 1 here.
+        Unrelated errors are the root of the sum of squares of both errors to the reference. This
+        default returns 1.
         """
         return 1.0
 
 
 class CrossFitConfidence(Confidence):
-    """Relate what can be observed of matches to their errors on held-out training shapes.
+    """Predict errors from observable signs of a match, calibrated on held-out training shapes.
 
-    A single training shape cannot be left out: errors are then those on the training shape itself,
-    and optimistic.
+    A single training shape cannot be held out: errors are then those on the training shape itself,
+    which are optimistic.
 
     Parameters
     ----------
     cv : int, default=3
-        Number of folds; each learns once, so that a fit takes about 1 + cv times as long as with
-        ``confidence=None``.
+        Number of folds. The learner is fitted once for each, so a fit takes about 1 + cv times as
+        long as with ``confidence=None``.
 
     Attributes
     ----------
     error_models_ : dict of ErrorModel
-        Models of the expected error of ``"unrefined"`` matches, and of ``"refined"`` ones, refined
-        as the learner's ``refine`` says.
+        Models of the expected error of ``"unrefined"`` matches, and of ``"refined"`` ones (refined
+        with the learner's ``refine``).
     misfits_ : ndarray of shape (n_shapes,)
         The residual of equation (2) on each shape given to `fit`; NaN for the reference and for
         shapes with weight 0.
     training_errors_ : ndarray of shape (n_shapes,)
-        Mean error of the match of each of them, refined if the learner refines; NaN also where no
-        known pair leads to one of the vertices at which errors were observed.
+        Mean error of the match of each of these shapes, refined if the learner refines; NaN also if
+        no known pair leads to one of the vertices at which errors are observed.
     share_between_ : float
-        Errors from one left-out shape to another, as a share of the root of the squares of the
-        errors to expect of both: below 1 where shapes err alike. 1 where there are no two.
+        Ratio of the errors from one held-out shape to another to the root of the sum of squares of
+        the expected errors of both: below 1 if shapes have similar errors. 1 if there is only one
+        shape.
 
     Examples
     --------
@@ -141,7 +145,7 @@ class CrossFitConfidence(Confidence):
     CrossFitConfidence(cv=2)
     """
 
-    # Of models that were saved before there were matches between new shapes.
+    # For models that were saved before matches between new shapes existed.
     share_between_: float = 1.0
 
     def __init__(self, cv: int = 3) -> None:
@@ -152,19 +156,19 @@ class CrossFitConfidence(Confidence):
         check_number(self.cv, "cv", low=2, integer=True)
 
     def fit(self, training: TrainingSet, matcher: Matcher) -> Self:
-        """Match each training shape by what the others taught, and fit error models.
+        """Match each training shape with a model learned from others, and fit error models.
 
         Parameters
         ----------
         training : TrainingSet
             Training shapes.
         matcher : Matcher
-            Learned from all of them; used as it is if there is one only.
+            Matcher learned from all of them; it is used directly if there is only one shape.
 
         Returns
         -------
         CrossFitConfidence
-            Itself.
+            The fitted object.
         """
         used = training.used
         watch = watch_reference(
@@ -182,7 +186,7 @@ class CrossFitConfidence(Confidence):
         order = np.concatenate(folds)
         worst = max(one.distance for one in seen)
         self.error_models_ = {
-            kind: single_threaded(  # threads that wait for each other cost more than they save
+            kind: single_threaded(  # with several threads, waiting costs more than they save
                 fit_error_model,
                 [
                     _weighted(one.observations[kind], training.share[i])
@@ -220,8 +224,8 @@ class CrossFitConfidence(Confidence):
     ) -> Trust:
         """Return expected errors, confidences, the misfit and whether the shape is familiar.
 
-        Where the refinement is another than the one in `fit`, errors are those to expect of the
-        match before it. The parameters are those of `Confidence.assess`.
+        If the refinement is not the fitted one, expected errors are those of the unrefined match.
+        The parameters are those of `Confidence.assess`.
         """
         unrefined: ErrorModel = self.error_models_[UNREFINED]
         misfit = unrefined.misfit(embedding_distance(shape, before))
@@ -232,25 +236,22 @@ class CrossFitConfidence(Confidence):
         return Trust(expected_error, confidence, misfit, self.is_familiar(solution, misfit))
 
     def is_familiar(self, solution: Solution, misfit: float = np.nan) -> bool:
-        """Tell whether a shape fits about as well as the training shapes that were left out."""
+        """Return whether a shape fits about as well as the held-out training shapes."""
         return is_familiar(self.misfits_, solution.residual, misfit)
 
     def mean_error(self) -> float:
-        """Return the mean error of training shapes left out, refined if the learner refines."""
+        """Return the mean error on held-out training shapes, refined if the learner refines."""
         return self.error_models_[
             REFINED if REFINED in self.error_models_ else UNREFINED
         ].mean_error
 
     def share_between(self) -> float:
-        """Return what training shapes that were left out together show."""
+        """Return the ratio that was observed between held-out training shapes."""
         return self.share_between_
 
 
 class _Seen(NamedTuple):
-    """What one training shape showed.
-
-    Observations by kind, what is left of equation (2), `embedding_distance`.
-    """
+    """Observations on one training shape by kind, its residual, and its `embedding_distance`."""
 
     observations: dict[str, Observation]
     residual: float
@@ -282,13 +283,13 @@ def _observe(matcher: Matcher, shape: ProbedShape, observed: Observed, watch: Wa
 def _share_between(
     observations: Sequence[Observation], model: ErrorModel, vertices_0: FloatArray, watch: Watch
 ) -> float:
-    """Return the errors between shapes, as a share of the root of the squares of those to expect.
+    """Return the ratio of errors between shapes to the root of squares of their expected errors.
 
-    Two shapes are apart by the difference of where they put a point of the reference.
+    The error between two shapes is the difference between where they put a point of the reference.
 
     On three folds of cats left out, expected errors between them are then 0.98, 0.96 and 0.90 of
-    the true ones; without it 1.15, 1.10 and 1.05, and sums 1.5, 1.5 and 1.4. Shapes of one fold
-    alone are too few pairs: 0.76, 0.96 and 0.80.
+    the true ones; without this ratio 1.15, 1.10 and 1.05, and with sums 1.5, 1.5 and 1.4. The pairs
+    within one fold are too few: 0.76, 0.96 and 0.80.
     """
     off, lengths, errors, expected = [], 0.0, 0.0, []
     for one in observations:
@@ -305,11 +306,11 @@ def _share_between(
         unrelated += float(np.hypot(expected[i][both], expected[j][both]).sum())
     if not (unrelated > 0 and lengths > 0):
         return 1.0
-    return (errors / lengths) * apart / unrelated  # errors go along the surface
+    return (errors / lengths) * apart / unrelated  # errors are measured along the surface
 
 
 def _at_watched(observation: Observation, values: FloatArray, watch: Watch) -> FloatArray:
-    """Return the mean of rows at each watched vertex; NaN where there is none."""
+    """Return the mean of the rows at each watched vertex; NaN if there is none."""
     n, rows = len(watch.vertices), observation.watched
     sums = np.stack([np.bincount(rows, column, n) for column in values.T], axis=1)
     counts = np.bincount(rows, minlength=n)[:, None]
@@ -317,7 +318,7 @@ def _at_watched(observation: Observation, values: FloatArray, watch: Watch) -> F
 
 
 def _with_error_of_pairs(observation: Observation, error: float) -> Observation:
-    """Return errors with the part that matches and built pairs do not have in common."""
+    """Add to the errors the part that matches do not share with built pairs."""
     return observation._replace(errors=np.hypot(observation.errors, _OWN_PART * error))
 
 
@@ -328,7 +329,7 @@ def _weighted(observation: Observation, share: float) -> Observation:
 def matchers_without(
     training: TrainingSet, folds: list[IntArray], matcher: Matcher
 ) -> list[Matcher]:
-    """Return, for each fold of training shapes, what is learned from all that are not in it."""
+    """Return, for each fold of training shapes, the matcher learned from all others."""
     used = training.used
     arguments = ((training.only(np.setdiff1d(used, rows)), matcher) for rows in folds)
     return map_shapes(_learned_from, arguments, n_jobs=training.n_jobs, verbose=0, prefer="threads")

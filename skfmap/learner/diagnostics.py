@@ -1,7 +1,4 @@
-"""What a fit, or a new shape, shows that a person should know.
-
-`report` is the one place that warns of it.
-"""
+"""Diagnostics of fits and of new shapes, which `report` issues as warnings."""
 
 from collections.abc import Iterable, Sequence
 from typing import NamedTuple
@@ -41,28 +38,28 @@ __all__ = [
     "report",
 ]
 
-# Where even the most stable function is missed by so much of its norm, half of its square is lost:
-# nothing was learned.
+# If the error of even the most stable function exceeds this fraction of its norm, half of its
+# square is lost, and nothing was learned.
 _UNSTABLE = 0.7
-# Mean errors, in sqrt(area), of training shapes left out. Those of TOSCA cats, horses and people
-# are at most 0.06, and within twice the median of the others; a horse whose numbers are off by one
-# is at 0.08, animals taken for their mirror images at 0.2 and more, with shuffled numbers at 0.35
-# and more.
+# Thresholds of mean errors, in sqrt(area), on held-out training shapes. TOSCA's cats, horses and
+# people have at most 0.06, and at most twice the median of the others. A horse whose vertex indices
+# are off by one has 0.08, animals confused with their mirror images 0.2 or more, and animals with
+# shuffled indices 0.35 or more.
 _WRONG, _WRONG_TO_ALL, _TIMES_THE_OTHERS = 0.06, 0.2, 3
-# What is left of equation (2) for the mirror image, as a share of that for the shape; sound shapes
-# are above 1.
+# A shape is mirrored if the residual of equation (2) for its mirror image is below this fraction of
+# its own residual; the ratio is above 1 for correct shapes.
 _MUCH_BETTER = 0.7
 
 
 class Finding(NamedTuple):
-    """What there is to say, and the kind of warning that says it."""
+    """A message, and the category of the warning that issues it."""
 
     category: type[Warning]
     message: str
 
 
 def report(findings: Iterable[Finding]) -> None:
-    """Warn of each finding, at the caller's line."""
+    """Issue each finding as a warning, at the caller's line."""
     for finding in findings:
         warn(finding.message, finding.category)
 
@@ -70,16 +67,16 @@ def report(findings: Iterable[Finding]) -> None:
 def diagnose(
     training: TrainingSet, learned: LearnedMaps, training_errors: FloatArray | None
 ) -> list[Finding]:
-    """Return what a fit shows that a person should know.
+    """Return findings about a fit that the user should know.
 
     Parameters
     ----------
     training : TrainingSet
-        What was learned from.
+        The training set.
     learned : LearnedMaps
-        What was learned.
+        The learned maps.
     training_errors : ndarray of shape (n_given,) or None
-        Mean errors of shapes left out, by their index in X.
+        Mean errors on held-out shapes, by their index in X.
     """
     return [
         *([Finding(SkippedShapeWarning, training.skipped)] if training.skipped else []),
@@ -99,10 +96,10 @@ def diagnose_new_shapes(
     familiar: Sequence[bool | None],
     misfits: Sequence[Quality | None] | None = None,
 ) -> list[Finding]:
-    """Return what solutions and matches of new shapes show.
+    """Return findings about solutions and matches of new shapes.
 
-    A mirrored shape is not called unfamiliar as well, and one that the reference was laid onto in
-    vain, whose quality is in ``misfits``, is named once, with that.
+    Each shape is named once: a mirrored shape is not called unfamiliar as well, and a shape that
+    the reference does not fit is named with its quality from ``misfits``.
     """
     misfits = [None] * len(familiar) if misfits is None else misfits
     called = [describe(i, shape) for i, shape in zip(usable.indices, usable.shapes, strict=True)]
@@ -122,50 +119,50 @@ def diagnose_new_shapes(
         findings.append(
             Finding(
                 OrientationWarning,
-                "As mirror images, these shapes fit the reference much better: "
+                "These shapes fit the reference much better as mirror images: "
                 f"{', '.join(images)}. Left and right may be confused there; check that the mesh "
                 "is not mirrored or inside out (a scan with one axis negated, or faces wound "
-                "inwards on an open surface). Specimens of both sides: on_mirrored='reflect' "
-                "matches both.",
+                "inwards on an open surface). If there are specimens of both sides, "
+                "on_mirrored='reflect' matches both.",
             )
         )
     if strange:
         findings.append(
             Finding(
                 UnfamiliarShapeWarning,
-                "What was learned fits these shapes much worse than any training shape left out: "
+                "The model fits these shapes much worse than any held-out training shape: "
                 f"{', '.join(strange)}. Their matches may be wrong, and worse than their expected "
-                "errors say. Is it another kind of body, a part of one, or a mesh of another "
-                "resolution? Add shapes like it to the training shapes, or bring all to one "
-                "resolution.",
+                "errors suggest. Is it another kind of body, a part of one, or a mesh of another "
+                "resolution? Add similar shapes to the training shapes, or use the same resolution "
+                "for all.",
             )
         )
     return findings + _ill_laid(ill_laid, "Do not trust their matches.")
 
 
 def diagnose_reflected(called: Sequence[str]) -> list[Finding]:
-    """Return which shapes were matched, or learned from, as their mirror images."""
+    """Return a finding that names the shapes that were reflected."""
     message = (
         "These shapes are mirror images of the kind that the others belong to, and were "
         f"reflected: {', '.join(called)}. Answers are on the meshes as they were given. If this is "
-        "not intended, give on_mirrored='warn'."
+        "not intended, set on_mirrored='warn'."
     )
     return [Finding(OrientationWarning, message)] if called else []
 
 
 def diagnose_registered(usable: Usable, laid: Sequence[Registered]) -> list[Finding]:
-    """Return which shapes the reference does not fit, and how that shows."""
+    """Return a finding that names the shapes that the reference does not fit."""
     told = [
         f"{describe(i, shape)} ({_told(one.off, one.uncovered, one.stretched)})"
         for i, shape, one in zip(usable.indices, usable.shapes, laid, strict=True)
         if not one.fits
     ]
-    return _ill_laid(told, "Do not use the meshes that were laid onto them.")
+    return _ill_laid(told, "Do not use their registered meshes.")
 
 
 def _ill_laid(told: Sequence[str], consequence: str) -> list[Finding]:
     message = (
-        "The reference does not fit these shapes as it fits training shapes: "
+        "The reference does not fit these shapes as well as the training shapes: "
         f"{', '.join(told)}. {consequence} Is it another kind of body, a part of one, or was it "
         "matched wrongly?"
     )
@@ -180,9 +177,9 @@ def _told(off: float, uncovered: float, stretched: float) -> str:
 
 
 def is_mirrored(solution: Solution) -> bool:
-    """Tell whether a shape fits much better once its oriented probes are negated.
+    """Return whether a shape fits much better after its oriented probes are negated.
 
-    It is False where there are none.
+    This is False if there are no oriented probes.
     """
     upright = solution.residual if solution.upright_residual is None else solution.upright_residual
     return bool(solution.mirrored_residual < _MUCH_BETTER * upright)
@@ -201,7 +198,7 @@ def _coverage(training: TrainingSet) -> list[Finding]:
 
 
 def _crowded(training: TrainingSet, names: list[str]) -> list[str]:
-    """Name shapes where a number that stands for "none" was taken for a point."""
+    """Find shapes where a number that means "none" was taken for a point."""
     called = [label(training.reference.name, "the reference"), *names]
     told = [
         f"{who} ({said})"
@@ -209,8 +206,8 @@ def _crowded(training: TrainingSet, names: list[str]) -> list[str]:
         if (said := crowded_points(*truth.pairs.T))
     ]
     message = (
-        f"One number stands for many in the correspondences of {'; '.join(told)}. Does it mean "
-        '"none"? Leave such pairs out, or write -1: they spoil what is learned.'
+        f"One number occurs very often in the correspondences of {'; '.join(told)}. Does it mean "
+        '"none"? Leave these pairs out, or write -1: they spoil the learned maps.'
     )
     return [message] if told else []
 
@@ -221,13 +218,13 @@ def _convergence(learned: LearnedMaps, tol: float) -> list[Finding]:
         return []
     message = (
         f"The weights did not converge in {optimum.n_iter} iterations (gradient "
-        f"{optimum.gradient_norm:.2g}, tol {tol:g}): {optimum.message}. Raise max_iter or tol."
+        f"{optimum.gradient_norm:.2g}, tol {tol:g}): {optimum.message}. Increase max_iter or tol."
     )
     return [Finding(ConvergenceWarning, message)]
 
 
 def _mirrored(training: TrainingSet) -> list[Finding]:
-    """Find shapes that were reflected, and others that are mirrored by their correspondences."""
+    """Find shapes that were reflected, and others that their correspondences show as mirrored."""
     called = [training.describe(i) for i in range(len(training.shapes))]
     reflected = [who for who, shape in zip(called, training.shapes, strict=True) if shape.reflected]
     suspects = [
@@ -239,10 +236,10 @@ def _mirrored(training: TrainingSet) -> list[Finding]:
     ]
     message = (
         f"The correspondences of {', '.join(suspects)} confuse left and right: oriented probes, or "
-        f"places in space, run against those of the reference {training.reference.name!r}. The "
-        "meshes are mirrored or inside out, or the correspondences are the symmetric ones; mirror "
-        "the mesh back (negate one coordinate and reverse the faces), let the learner do it "
-        "(on_mirrored='reflect'), or use DescriptorTransformer('paper')."
+        f"positions in space, are opposite to those of the reference {training.reference.name!r}. "
+        "Either the meshes are mirrored or inside out, or the correspondences are the symmetric "
+        "ones. Mirror the mesh back (negate one coordinate and reverse the faces), let the learner "
+        "do it (on_mirrored='reflect'), or use DescriptorTransformer('paper')."
     )
     return [
         *diagnose_reflected(reflected),
@@ -251,7 +248,7 @@ def _mirrored(training: TrainingSet) -> list[Finding]:
 
 
 def _disagreement(training: TrainingSet, errors: FloatArray) -> list[Finding]:
-    """Find training shapes whose correspondences contradict all others, or say that none agrees."""
+    """Find training shapes whose correspondences contradict the others, or report that all do."""
     left_out = [i for i, index in enumerate(training.indices) if np.isfinite(errors[index])]
     own = errors[training.indices[left_out]]
     if len(own) < 2:
@@ -259,22 +256,22 @@ def _disagreement(training: TrainingSet, errors: FloatArray) -> list[Finding]:
     typical = float(np.median(own))
     if typical > _WRONG_TO_ALL:
         message = (
-            "Training shapes that are left out of training are matched with a mean error of "
-            f"{typical:.2f} sqrt(area), nearly as bad as chance, and new ones will be. Check the "
-            "correspondence of the reference first (vertex numbers from 0, those of this very "
-            "mesh; Correspondence.from_vertices or from_template), then the others' "
-            "(learner.training_errors_), whether the shapes are alike, and whether the functions "
-            "are enough to tell points apart (n_functions, n_stable)."
+            "Held-out training shapes are matched with a mean error of "
+            f"{typical:.2f} sqrt(area), nearly as bad as chance, and so will new shapes be. Check "
+            "the correspondence of the reference first (vertex indices start at 0 and must be "
+            "those of this mesh; Correspondence.from_vertices or from_template), then those of the "
+            "others (learner.training_errors_), whether the shapes are similar, and whether there "
+            "are enough functions to tell points apart (n_functions, n_stable)."
         )
         return [Finding(DisagreementWarning, message)]
     wrong = [j for j in range(len(own)) if _contradicts(own[j], np.delete(own, j))]
     told = ", ".join(f"{training.describe(left_out[j])} ({own[j]:.2f})" for j in wrong)
     message = (
-        "Left out of training, these training shapes are matched far from where their "
-        f"correspondences say, by this many sqrt(area): {told}; {typical:.2f} is typical of all. "
-        "Vertex numbers of another mesh or counted from 1, left and right confused, or another "
-        "kind of body? Mend the correspondence, or leave the shape out: it spoils what is learned "
-        "from the others."
+        "When held out, these training shapes are matched this many sqrt(area) from where their "
+        f"correspondences say: {told}; the typical value is {typical:.2f}. Are vertex indices "
+        "those of another mesh or counted from 1, are left and right confused, or is it another "
+        "kind of body? Correct the correspondence, or leave the shape out: it spoils what is "
+        "learned from the others."
     )
     return [Finding(DisagreementWarning, message)] if wrong else []
 
@@ -284,27 +281,27 @@ def _contradicts(error: float, others: FloatArray) -> bool:
 
 
 def _instability(training: TrainingSet, learned: LearnedMaps) -> list[Finding]:
-    """Say it if no function was learned that can be relied on."""
+    """Find out whether no reliable function was learned."""
     known = np.stack([one.C for one in training.known])
     images = np.linalg.norm(known @ learned.stable_basis, axis=1).mean(axis=0)
     missed = learned.stability / np.sqrt(training.share.sum()) / np.maximum(images, 1e-300)
-    best = float(missed[1:].min())  # the constant function always maps
+    best = float(missed[1:].min())  # the constant function is always mapped exactly
     message = (
-        f"No function is mapped stably: even the best is missed by {best:.2f} of its norm on the "
-        "training shapes. Check that the correspondences belong to their shapes (vertex numbers "
-        "from 0, Correspondence.from_vertices or from_template), and the winding of the meshes; "
-        "or give other probes."
+        f"No function is mapped stably: on the training shapes, the error of even the best is "
+        f"{best:.2f} of its norm. Check that the correspondences belong to their shapes (vertex "
+        "indices start at 0; Correspondence.from_vertices or from_template) and the winding of the "
+        "meshes, or use other probes."
     )
     return [Finding(StabilityWarning, message)] if best > _UNSTABLE else []
 
 
 def _search_without_effect(training: TrainingSet, learned: LearnedMaps) -> list[Finding]:
-    """Find out whether a given epsilon is so large or small that the loss sees nothing."""
+    """Find out whether a given epsilon is so large or small that the loss is constant."""
     loss = learned.optimum.loss_curve[-1] / (training.share.sum() * (training.k - 1))
     asked = training.options.weighting is not None and training.options.epsilon != "auto"
     message = (
-        f"No weight was changed: at epsilon={learned.epsilon:.3g} the loss is as good as "
-        "constant. Take epsilon='auto', or a number near the squared singular values of X(I) - C."
+        f"No weight was changed: at epsilon={learned.epsilon:.3g} the loss is practically "
+        "constant. Use epsilon='auto', or a number near the squared singular values of X(I) - C."
     )
     blind = asked and learned.optimum.n_iter == 0 and not 1e-3 < loss < 1 - 1e-3
     return [Finding(StabilityWarning, message)] if blind else []

@@ -87,10 +87,10 @@ __all__ = ["WeightedFunctionalMapLearner"]
 class WeightedFunctionalMapLearner(CallbackSupportMixin, Versioned, BaseEstimator):
     r"""Learn probe weights D and a stable basis Y from shapes with known correspondences.
 
-    It is the last step of a pipeline. ``predict``, which pipelines and searches have too, returns
-    the reduced functional maps of the paper, arrays of shape (n_shapes, k, p). Point maps, with
-    errors to expect, are asked for by ``skfmap.match(model, X)``: a Pipeline passes no method
-    ``match`` on to its last step.
+    It is the last step of a pipeline. ``predict``, which pipelines and searches also have, returns
+    the reduced functional maps of the paper, an array of shape (n_shapes, k, p). To get
+    point-to-point maps with expected errors, use ``skfmap.match(model, X)``, because a Pipeline
+    does not have the method ``match`` of its last step.
 
     For a new shape S_i, the functional map is (equation 2 of the paper)
 
@@ -98,13 +98,15 @@ class WeightedFunctionalMapLearner(CallbackSupportMixin, Versioned, BaseEstimato
 
     and D minimises the sum over training shapes of :math:`\|X_i(D) - C_i\|_\epsilon` (equations 3
     and 4). The entries of W * W are at least 1e-5 (``DIAGONAL_FLOOR`` of
-    `skfmap.functional.penalty_of`), so that the minimum is unique even where the spectra agree and
-    no weighted probe sees a function. The two maps go in opposite directions: the functional map
-    pulls functions on the reference S_0 back to S_i; the point map sends points of S_i to S_0.
+    `skfmap.functional.penalty_of`), so that the minimum is unique even if the spectra agree and no
+    weighted probe has a component along a function. The two maps go in opposite directions: the
+    functional map pulls functions on the reference S_0 back to S_i; the point-to-point map sends
+    points of S_i to S_0.
 
-    The parameters come in four groups. Learning: `n_functions` to `tol`. Matching new shapes:
-    `n_stable` to `on_mirrored`. Confidence: `confidence`. Running: `on_invalid` to `verbose`. Start
-    with the defaults; `n_functions`, `refine` and `confidence` are the ones most often changed.
+    The parameters form four groups: learning (`n_functions` to `tol`), matching new shapes
+    (`n_stable` to `on_mirrored`), confidence (`confidence`) and running (`on_invalid` to
+    `verbose`). Start with the defaults; `n_functions`, `refine` and `confidence` are the ones most
+    often changed.
 
     Parameters
     ----------
@@ -112,9 +114,9 @@ class WeightedFunctionalMapLearner(CallbackSupportMixin, Versioned, BaseEstimato
         The number k of eigenfunctions that are used on each shape, starting with the smoothest.
     weighting : {"function", "category", "unique"}, sequence, callable or None, default="function"
         One weight per probe, one per family, one for all, or none (D = I, the naive baseline; Y is
-        learned all the same). A sequence holds a label for each probe, and probes with the same
-        label share a weight; a callable returns these labels for the names and the categories of
-        the probes, ``(names, categories) -> labels``.
+        still learned). A sequence contains a label for each probe, and probes with the same label
+        share a weight; a callable returns these labels for the names and the categories of the
+        probes, ``(names, categories) -> labels``.
     epsilon : float or "auto", default="auto"
         The epsilon of the norm (4). ``"auto"`` is the 80 percent rule of section 3.2. The loss
         depends on epsilon, so it does not tell which epsilon is better: use a score.
@@ -133,30 +135,31 @@ class WeightedFunctionalMapLearner(CallbackSupportMixin, Versioned, BaseEstimato
         pairs, of which there must be at least ``n_functions``. ``"from-landmarks"``: dense maps are
         built for shapes that share fewer than twice as many pairs with the reference, but at least
         8 landmarks (`skfmap.known_maps.FromLandmarks`). ``"in-space"``: likewise, for rigid kinds
-        of shapes (`skfmap.known_maps.InSpace`). ``"auto"`` decides by what is given, and
-        ``known_maps_`` says what was done.
+        of shapes (`skfmap.known_maps.InSpace`). ``"auto"`` chooses according to the data, and
+        ``known_maps_`` records the choice.
     reference : str, default="first"
         ``"first"``: the first training shape. ``"medoid"``: the training shape whose geodesic
-        distances differ least from those of all others. Otherwise the name of a training shape.
+        distances differ least from those of all others. Any other value is the name of a training
+        shape.
     max_iter : int, default=1000
         Maximum number of L-BFGS iterations.
     tol : float, default=1e-4
         The search has converged when no derivative of the mean loss per singular value, with
         respect to a log-weight, is larger than this.
     n_stable : int, float in (0, 1], or None
-        The number p of stable functions that the reduced map keeps, or their share of k; None is
+        The number p of stable functions that the reduced map keeps, or their fraction of k; None is
         k // 2.
     matching : {"soft", "cut"}, default="soft"
         ``"soft"`` matches points in all stable functions, each weighted by how accurately it puts
-        the points of the training shapes where they belong; ``"cut"`` in the first p alone.
+        the points of the training shapes where they belong; ``"cut"`` matches in the first p only.
     refine : {"auto", "bijective-zoomout", "register", "icp", "zoomout"}, Refinement or None
-        How point maps are refined: a word, or the object that it stands for (`skfmap.refinement`),
-        whose parameters can then be searched, as ``refine__step``. The default, ``"auto"``, is
-        ``"register"`` if the correspondence of the reference holds measured points
-        (`Correspondence.from_points`), and otherwise ``"bijective-zoomout"``. The latter is the
-        best of those that work on maps alone: it fits maps of growing size, up to all
-        eigenfunctions that `SpectralBasis` holds, to the point maps in both directions, with
-        functions weighted by what the training shapes showed; it about halves the errors.
+        How point-to-point maps are refined: a word, or the object that it stands for
+        (`skfmap.refinement`), whose parameters can then be searched, such as ``refine__step``. The
+        default, ``"auto"``, is ``"register"`` if the correspondence of the reference has measured
+        points (`Correspondence.from_points`), and otherwise ``"bijective-zoomout"``. The latter is
+        the best of those that work on maps alone: it fits maps of growing size, up to all
+        eigenfunctions of `SpectralBasis`, to the point-to-point maps in both directions, with
+        functions weighted by their errors on the training shapes; it about halves the errors.
         ``"zoomout"`` (Melzi et al. 2019) and ``"icp"`` (Ovsjanikov et al. 2012) are as published.
         ``"register"`` (`skfmap.registration.Registration`) continues in space, and lays the
         reference's mesh onto each shape: errors fall by another tenth to a quarter, and a match
@@ -164,29 +167,30 @@ class WeightedFunctionalMapLearner(CallbackSupportMixin, Versioned, BaseEstimato
     on_mirrored : {"warn", "reflect"}, default="warn"
         What to do with shapes that are mirror images of the kind that the reference belongs to,
         such as a right femur among left ones. Training shapes are recognised by their
-        correspondences, new ones if equation (2) fits their image much better. ``"reflect"`` learns
-        from and matches their images, and says which they are; answers are on the meshes as given.
-        It needs oriented probes, or training shapes so rigid that a similarity explains their
-        correspondences. A body that is its own mirror image stays as it is.
+        correspondences, new ones if equation (2) fits their mirror image much better. ``"reflect"``
+        learns from and matches their mirror images, and issues a warning that names them; answers
+        are on the meshes as given. It needs oriented probes, or training shapes so rigid that a
+        similarity explains their correspondences. A body that is its own mirror image is not
+        reflected.
     confidence : {"cross-fit"}, Confidence or None, default="cross-fit"
         How expected errors are found: ``"cross-fit"`` is `CrossFitConfidence`, which learns again
-        for each of three folds. None leaves them out, for searches that only compare scores: a fit
-        then takes a third of the time, or a tenth with refinement. ``expected_error`` and
-        ``confidence`` of matches are then None, landmarks have no ``expected_error``, ``radius``
-        and learned offset, and nothing warns of contradictory correspondences. Only
+        for each of three folds. None omits them, for searches that only compare scores: a fit then
+        takes a third of the time, or a tenth with refinement. ``expected_error`` and ``confidence``
+        of matches are then None, landmarks have no ``expected_error``, ``radius`` or learned
+        offset, and there are no warnings about contradictory correspondences. Only
         ``refine="register"`` then warns of unfamiliar shapes; without it ``familiar`` is None.
     on_invalid : {"raise", "skip"}, default="raise"
         What to do with a training shape whose correspondence cannot be used: out of range, empty,
         without a point of the reference, or with too few points. ``"skip"`` leaves it out with a
-        warning; for the reference, an error is always raised. Shapes that the steps before skipped
-        are left out in any case.
+        warning; for the reference, an error is always raised. Shapes that earlier steps skipped are
+        always left out.
     memory : str or joblib.Memory, optional
-        Where ground-truth maps and geodesic distances are cached, so that the fits and scores of a
-        search share them.
+        Where known maps and geodesic distances are cached, so that the fits and scores of a search
+        share them.
     n_jobs : int, optional
         Number of shapes processed in parallel; see joblib. It does not change the result.
     verbose : int, default=0
-        With 1, each stage and every tenth iteration is reported.
+        If 1, each stage and every tenth iteration are reported.
 
     Attributes
     ----------
@@ -196,7 +200,7 @@ class WeightedFunctionalMapLearner(CallbackSupportMixin, Versioned, BaseEstimato
         Y: coefficients of functions on the reference, most stable first. The constant function is
         mapped exactly.
     stability_ : ndarray of shape (k,)
-        Singular values that belong to Y, ascending.
+        Singular values that belong to the columns of Y, ascending.
     epsilon_ : float
         The epsilon used.
     loss_, loss_curve_, n_iter_ : float, list of float, int
@@ -213,15 +217,15 @@ class WeightedFunctionalMapLearner(CallbackSupportMixin, Versioned, BaseEstimato
     reference_correspondence_ : Correspondence
         Where the reference lies on the template.
     probe_names_, probe_categories_ : ndarray of str, shape (m,)
-        What each weight belongs to.
+        Name and category of the probe function that each weight belongs to.
     residual_covariance_ : ndarray of shape (k, k)
-        How far learned maps put the points of the training shapes from where they belong;
-        ``matching="soft"`` weights functions by it.
+        Covariance of how far learned maps put the points of the training shapes from where they
+        belong; ``matching="soft"`` weights functions by it.
     truncation_covariance_ : ndarray of shape (n_components, n_components)
         The same for the known maps in all functions of the basis, whose errors come from truncation
         alone; refinement weights functions by it.
     matcher_ : Matcher
-        What matching a new shape needs; the attributes above are read from it.
+        The fitted state that matches new shapes; most of the attributes above are read from it.
     refine_, confidence_ : Refinement or None, Confidence or None
         The fitted parts.
     known_maps_ : KnownMapsRecord
@@ -229,15 +233,15 @@ class WeightedFunctionalMapLearner(CallbackSupportMixin, Versioned, BaseEstimato
         from its place each landmark is put by the map that is built without it. None in models that
         were saved before this was recorded.
     landmarks_ : LandmarkModel or None
-        Where the measured points of the training shapes are, for `predict_landmarks`; None if the
-        reference has none.
+        Model of the measured points of the training shapes, for `predict_landmarks`; None if the
+        reference has no measured points.
     error_models_, misfits_, training_errors_ : dict, ndarray, ndarray
         Attributes of `CrossFitConfidence`, which describes them; they do not exist for any other
         ``confidence``.
 
     See Also
     --------
-    SpectralBasis, DescriptorTransformer : The steps before.
+    SpectralBasis, DescriptorTransformer : The previous steps of the pipeline.
     skfmap.functional.learn_functional_maps : The same on arrays, for maps without points.
 
     References
@@ -264,7 +268,7 @@ class WeightedFunctionalMapLearner(CallbackSupportMixin, Versioned, BaseEstimato
     True
     """
 
-    # Of models that were saved before this was a parameter.
+    # For models that were saved before these parameters existed.
     on_mirrored: OnMirrored = "warn"
     known_maps: KnownMapsWord | KnownMaps | None = "auto"
 
@@ -345,21 +349,21 @@ class WeightedFunctionalMapLearner(CallbackSupportMixin, Versioned, BaseEstimato
         y: Sequence[Answer],
         sample_weight: Sequence[float] | None = None,
     ) -> Self:
-        """Learn weights and stable basis.
+        """Learn the weights and the stable basis.
 
         Parameters
         ----------
         X : sequence of ProbedShape
-            Training shapes, the reference among them; from `DescriptorTransformer`.
+            Training shapes, including the reference; from `DescriptorTransformer`.
         y : sequence of Correspondence or of int arrays of shape (n_pairs, 2)
             Where each shape lies on the template: rows ``[vertex, template point]``.
         sample_weight : array-like of shape (n_shapes,), optional
-            How much each shape counts in the sum (3) and in Y; the reference's is not used.
+            Share of each shape in the sum (3) and in Y; that of the reference is not used.
 
         Returns
         -------
         WeightedFunctionalMapLearner
-            Itself.
+            The fitted learner.
 
         Raises
         ------
@@ -367,17 +371,17 @@ class WeightedFunctionalMapLearner(CallbackSupportMixin, Versioned, BaseEstimato
             If correspondences do not fit their shape, share no template point with the reference,
             or are too few for k.
         ValueError
-            If shapes are not consistent with each other, or a parameter cannot be used.
+            If shapes are not consistent with each other, or a parameter is invalid.
         TypeError
-            If ``X`` or ``y`` contains anything else.
+            If ``X`` or ``y`` contains objects of another type.
 
         Warns
         -----
         CoverageWarning
-            If correspondences determine only a part of a functional map.
+            If correspondences determine a functional map only in part.
         OrientationWarning
             If the correspondence of a shape confuses left and right, as that of a mirrored mesh
-            does; or if shapes were reflected.
+            does, or if shapes were reflected.
         ConvergenceWarning
             If the search stopped before it converged.
         StabilityWarning
@@ -400,12 +404,12 @@ class WeightedFunctionalMapLearner(CallbackSupportMixin, Versioned, BaseEstimato
         return self
 
     def _fitted(self, training: TrainingSet, task: FitTask) -> tuple[dict[str, Any], list[Finding]]:
-        """Run the paper's pipeline (figure 2); return the fitted state, and what to tell of it."""
+        """Run the paper's pipeline (figure 2); return the fitted state and findings about it."""
         learned = single_threaded(self._learn, training, task)
         fitted = self._assembled(training, learned)
         confidence = confidence_of(self.confidence)
         if confidence is not None:
-            self._tell("calibrating expected errors on training shapes left out in turn")
+            self._tell("calibrating expected errors on held-out training shapes")
             fitted["confidence_"] = fit_part(confidence, training, fitted["matcher_"])
         fitted["landmarks_"] = learn_landmarks(
             training, fitted["matcher_"], left_out=confidence is not None
@@ -429,7 +433,7 @@ class WeightedFunctionalMapLearner(CallbackSupportMixin, Versioned, BaseEstimato
         Warns
         -----
         UnfamiliarShapeWarning
-            If a shape is not like the training shapes.
+            If a shape is unlike the training shapes.
         """
         usable, k = self._usable(X), len(self.stable_basis_)
         solutions = self._solutions(usable.shapes)
@@ -508,28 +512,28 @@ class WeightedFunctionalMapLearner(CallbackSupportMixin, Versioned, BaseEstimato
         X : sequence of ProbedShape
             New shapes.
         refine : str, Refinement or None, default="fitted"
-            Like the parameter of that name; ``"fitted"`` is what the model was fitted with, and
-            None does not refine. Errors are calibrated for these two; with any other refinement,
-            you get the expected errors of the unrefined match.
+            Overrides the parameter of that name. ``"fitted"`` uses the fitted refinement, and None
+            does not refine. Errors are calibrated for these two; for any other refinement, the
+            expected errors are those of the unrefined match.
         interpolate : {"barycentric", "soft"} or None, default=None
-            What a row of `Match.matrix` holds: one vertex of the reference (None), the nearest
+            What a row of `Match.matrix` contains: one vertex of the reference (None), the nearest
             point on the triangles around it, or several vertices, weighted by their distance in
             the embedding.
 
         Returns
         -------
         list of Match
-            Point map (from each shape to the reference), expected errors, confidence and functional
-            maps.
+            Point-to-point map (from each shape to the reference), expected errors, confidence and
+            functional maps.
 
         Warns
         -----
         OrientationWarning
-            If a shape fits the reference much better as a mirror image, or was reflected because of
-            it. If a body is its own mirror image, its mirrored mesh cannot be told from it, and is
-            matched by its own left and right.
+            If a shape fits the reference much better as a mirror image, or was reflected for that
+            reason. If a body is its own mirror image, its mirrored mesh cannot be told from it, and
+            is matched by its own left and right.
         UnfamiliarShapeWarning
-            If a shape is not like the training shapes: another kind of body, or another resolution.
+            If a shape is unlike the training shapes: another kind of body, or another resolution.
             With ``"register"`` also if the reference does not fit it, as in `register`.
         """
         usable = self._usable(X)
@@ -545,45 +549,45 @@ class WeightedFunctionalMapLearner(CallbackSupportMixin, Versioned, BaseEstimato
     def match_between(
         self, X: Sequence[ProbedItem], pairs: Iterable[tuple[int, int]] | None = None
     ) -> list[Match]:
-        """Match shapes to one another, in what they have in common with the reference.
+        """Match shapes to one another, by what they have in common with the reference.
 
-        Each shape is matched to the reference once. Its pairs are then matched in the embedding
-        that all shapes share, refined by two steps of both directions; or, with
-        ``refine="register"``, through the reference's surface, which lies on each of them.
+        Each shape is matched to the reference once. Pairs are then matched in the embedding that
+        all shapes share, and refined by two steps in both directions. With ``refine="register"``
+        they are matched through the reference's surface, which has been laid onto each of them.
 
         Parameters
         ----------
         X : sequence of ProbedShape
             New shapes.
         pairs : iterable of (int, int), optional
-            From which shape to which: indices (i, j) into ``X``. All pairs of different shapes, in
-            both directions, by default: (0, 1), (0, 2), ..., (1, 0), ...
+            Indices (i, j) into ``X``, to match ``X[i]`` to ``X[j]``. By default, all pairs of
+            different shapes in both directions: (0, 1), (0, 2), ..., (1, 0), ...
 
         Returns
         -------
         list of Match
-            One for each pair, whose reference is ``X[j]``: ``p2p`` sends vertices of ``X[i]`` to
-            vertices of ``X[j]``, ``functional_map`` pulls functions on ``X[j]`` back to ``X[i]``,
-            both k x k; ``reduced_map`` holds the images on ``X[i]`` of the p most stable functions
-            as they are on ``X[j]``. ``expected_error`` combines those of the two matches to the
-            reference, in units of sqrt(area) of ``X[j]``. Where either shape was left out, -1 and
-            NaN.
+            One match for each pair, whose reference is ``X[j]``: ``p2p`` sends vertices of ``X[i]``
+            to vertices of ``X[j]``, and ``functional_map``, of shape (k, k), pulls functions on
+            ``X[j]`` back to ``X[i]``. ``reduced_map`` contains the images on ``X[i]`` of the p most
+            stable functions as carried to ``X[j]``. ``expected_error`` combines those of the two
+            matches to the reference, in units of sqrt(area) of ``X[j]``. If either shape was left
+            out, the answers are -1 and NaN.
 
         Raises
         ------
         TypeError, ValueError
-            If ``pairs`` does not hold pairs of indices into ``X``.
+            If ``pairs`` does not contain pairs of indices into ``X``.
 
         Warns
         -----
         OrientationWarning, UnfamiliarShapeWarning
-            As in `match`, of each shape once.
+            As in `match`, once for each shape.
 
         Notes
         -----
-        The way back is that of the same search: ``p2p`` of (j, i) is ``inverse`` of (i, j). A shape
-        is kept by its points in the embedding, 5 MB for 5,000 vertices and 120 functions, beside
-        the answers; ask for some of the pairs at a time where there are many.
+        Both directions come from the same search: ``p2p`` of (j, i) is ``inverse`` of (i, j). In
+        addition to the answers, the points of each shape in the embedding are kept: 5 MB for 5,000
+        vertices and 120 functions. If there are many pairs, request some of them at a time.
         """
         usable = self._usable(X)
         wanted = check_wanted(pairs, len(usable.shapes) + len(usable.skipped))
@@ -606,7 +610,7 @@ class WeightedFunctionalMapLearner(CallbackSupportMixin, Versioned, BaseEstimato
         Returns
         -------
         list of Registered
-            The vertices of the given mesh of the reference, on the given mesh of each shape.
+            The vertices of the reference's given mesh, laid onto the given mesh of each shape.
 
         Raises
         ------
@@ -616,7 +620,7 @@ class WeightedFunctionalMapLearner(CallbackSupportMixin, Versioned, BaseEstimato
         Warns
         -----
         UnfamiliarShapeWarning
-            If the reference does not fit a shape: another kind of body, or a part of one.
+            If the reference does not fit a shape, such as another kind of body, or a part of one.
         """
         usable = self._usable(X)
         registration = self.refine_
@@ -624,7 +628,7 @@ class WeightedFunctionalMapLearner(CallbackSupportMixin, Versioned, BaseEstimato
             late = isinstance(refinement_of(self.refine), Registration)
             raise ValueError(
                 "register needs a learner that was fitted with refine='register'; here refine is "
-                f"{self.refine!r}{' since the fit' if late else ''}. "
+                f"{self.refine!r}{', but was set after the fit' if late else ''}. "
                 f"{'Fit' if late else 'Set it and fit'} again."
             )
         target = given_reference(self.reference_, [self.reference_])
@@ -647,17 +651,17 @@ class WeightedFunctionalMapLearner(CallbackSupportMixin, Versioned, BaseEstimato
         coverage : float, default=0.9
             Share of the observer's points that balls of `Landmarks.radius` should contain.
         on_surface : bool, default=False
-            Whether all points are put onto the surface. By default they lie off it as far as those
-            of the training shapes do on average, because of the observer's habit or of another
-            threshold of the scan.
+            Whether all points are put onto the surface. By default they are as far off the surface
+            as those of the training shapes are on average, because of the observer's habit or a
+            different threshold of the scan.
 
         Returns
         -------
         list of Landmarks
-            In the units and the place of each mesh. There are no expected errors if the learner was
-            fitted with ``confidence=None``, or if the shape is not like the training shapes. There
-            are no radii if too few training shapes were left out to guarantee the coverage; 0.9
-            takes nine.
+            Landmarks in the units and coordinates of each mesh. There are no expected errors if the
+            learner was fitted with ``confidence=None``, or if the shape is unlike the training
+            shapes. There are no radii if too few training shapes were left out to guarantee the
+            coverage; 0.9 takes nine.
 
         Raises
         ------
@@ -668,20 +672,21 @@ class WeightedFunctionalMapLearner(CallbackSupportMixin, Versioned, BaseEstimato
         Warns
         -----
         OrientationWarning
-            If a shape fits much better once mirrored; with ``on_mirrored="reflect"`` the landmarks
-            are placed on its image.
+            If a shape fits much better after mirroring; with ``on_mirrored="reflect"`` the
+            landmarks are placed on its mirror image.
         UnfamiliarShapeWarning
-            If a shape is not like the training shapes.
+            If a shape is unlike the training shapes.
 
         Notes
         -----
-        Expected errors and radii come from distances on whole training shapes that were held out
-        from learning and from the mean offset that is added to predictions; they are pooled over
-        landmarks. Radii have the promised coverage on average over similar shapes and landmarks,
-        provided that models learned from somewhat fewer shapes have similar errors (which
-        cross-validation takes for granted). They do not have it for each landmark, nor for another
-        observer's points. Where some shapes are much harder than others, and few were left out, the
-        coverage can be a few percent lower. Training shapes of any weight above 0 count equally.
+        Expected errors and radii come from distances on whole training shapes that were held out,
+        both from learning and from the mean offset that is added to predictions; they are pooled
+        over landmarks. Radii have the promised coverage on average over similar shapes and
+        landmarks, provided that models learned from slightly fewer shapes have similar errors, as
+        cross-validation assumes. They do not have it for each single landmark, nor for the points
+        of another observer. If some shapes are much harder than others, and few were left out, the
+        coverage can be a few percent lower. All training shapes with a positive weight count
+        equally.
         """
         usable = self._usable(X)
         if check_number(coverage, "coverage", low=0, strict=True) >= 1:
@@ -689,7 +694,7 @@ class WeightedFunctionalMapLearner(CallbackSupportMixin, Versioned, BaseEstimato
         if self.landmarks_ is None:
             raise ValueError(
                 "predict_landmarks needs a learner that was fitted with measured points; give y as "
-                "Correspondence.from_points(points, mesh, names), including the reference's."
+                "Correspondence.from_points(points, mesh, names), also for the reference."
             )
         predictor = LandmarkPredictor(
             self.landmarks_, self.matcher_, self.confidence_, coverage, on_surface
@@ -713,37 +718,37 @@ class WeightedFunctionalMapLearner(CallbackSupportMixin, Versioned, BaseEstimato
         n_stable: float | Literal["fitted"] | None = "fitted",
         refine: RefineOverride | Refinement | None = "fitted",
     ) -> list[IntArray]:
-        """Return point maps only, optionally matched in other functions than the parameters say.
+        """Return point-to-point maps only, optionally with other settings than the fitted ones.
 
-        ``matching="cut", n_stable=1.0`` matches in all functions equally, which is the full map of
-        the paper's figure 5.
+        ``matching="cut", n_stable=1.0`` matches in all functions with equal weights, which is the
+        full map of the paper's figure 5.
 
         Parameters
         ----------
         X : sequence of ProbedShape
             New shapes.
         matching, n_stable, refine : optional
-            Like the parameters of these names; ``"fitted"`` is what the model was fitted with.
+            Override the parameters of these names; ``"fitted"`` uses the fitted values.
 
         Returns
         -------
         list of ndarray of int, each of shape (n_vertices_i,)
             Vertex of the reference for each vertex of S_i; -1 for vertices that were removed, and
-            for all of a shape that was left out.
+            for all vertices of a shape that was left out.
         """
         usable = self._usable(X)
         p2ps = self._point_maps(usable.shapes, matching=matching, n_stable=n_stable, refine=refine)
         return put_back(p2ps, usable, lambda skipped: np.full(skipped.n_vertices, -1))
 
     def stability_function(self) -> FloatArray:
-        """Return how far learned maps miss each point of the reference, as a function to draw.
+        """Return the error of learned maps at each vertex of the reference, as a function to plot.
 
         Returns
         -------
         ndarray of shape (n_vertices_0,)
             The root of the sum over Y of squared (singular value times function), per training
-            shape: the length of the error that maps add to the row of a point in the embedding. It
-            is low where many functions agree.
+            shape: how far the maps move a point in the embedding. It is small where many functions
+            agree.
         """
         check_is_fitted(self)
         spectral, Y = self.reference_.spectral, self.stable_basis_
@@ -773,13 +778,13 @@ class WeightedFunctionalMapLearner(CallbackSupportMixin, Versioned, BaseEstimato
         matching, n_stable, refine : optional
             As in `point_maps`.
         reference_y : Correspondence or int array, optional
-            Where the reference lies on the template of ``y``; by default what was given to `fit`.
-            With sparse landmarks, fit on one half of them and score on the other.
+            Where the reference lies on the template of ``y``; by default as given to `fit`. With
+            sparse landmarks, fit on one half of them and score on the other.
 
         Returns
         -------
         list of PairErrors
-            In units of sqrt(area) of the reference; without pairs for a shape that was left out.
+            Errors in units of sqrt(area) of the reference; a shape that was left out has no pairs.
         """
         usable, answers = self._scored(X, y)
         p2ps = self._point_maps(usable.shapes, matching=matching, n_stable=n_stable, refine=refine)
@@ -805,23 +810,23 @@ class WeightedFunctionalMapLearner(CallbackSupportMixin, Versioned, BaseEstimato
     ) -> float:
         """Return minus the mean geodesic error of the matches; larger is better.
 
-        This is the direct error: a symmetric answer counts as wrong. `skfmap.metrics.get_scorer`
-        has scorers that accept it.
+        This is the direct error: a symmetric answer counts as wrong. For scorers that accept
+        symmetric answers, see `skfmap.metrics.get_scorer`.
 
         Parameters
         ----------
         X, y : sequence of ProbedShape, sequence of correspondences
             Shapes and where they lie on the template.
         sample_weight : array-like of shape (n_shapes,), optional
-            How much each shape counts.
+            Weight of each shape in the mean.
         reference_y : Correspondence or int array, optional
             As in `pair_errors`.
 
         Returns
         -------
         float
-            In units of sqrt(area) of the reference, averaged over pairs and then over shapes.
-            Shapes that were left out do not count; NaN if all were.
+            The score in units of sqrt(area) of the reference, averaged over pairs and then over
+            shapes. Shapes that were left out do not count; NaN if all were.
         """
         means = [
             errors.mean("direct") for errors in self.pair_errors(X, y, reference_y=reference_y)
@@ -831,7 +836,8 @@ class WeightedFunctionalMapLearner(CallbackSupportMixin, Versioned, BaseEstimato
     def set_params(self, **params: Any) -> Self:
         """Set parameters.
 
-        Those of a part can be set, as ``refine__step``, if the part is an object and not a word.
+        Parameters of a part, such as ``refine__step``, can be set if the part is an object and not
+        a word.
         """
         check_part_is_object(params, self.get_params(deep=False), WORDS)
         return super().set_params(**params)
@@ -854,7 +860,7 @@ class WeightedFunctionalMapLearner(CallbackSupportMixin, Versioned, BaseEstimato
         )
 
     def _learn(self, training: TrainingSet, task: FitTask) -> LearnedMaps:
-        """Learn weights and stable basis, telling callbacks of each iteration."""
+        """Learn the weights and the stable basis, and notify callbacks after each iteration."""
 
         def after_iteration(iteration: int, loss: float, so_far: Callable[[], LearnedMaps]) -> bool:
             if iteration % 10 == 0:
@@ -864,12 +870,12 @@ class WeightedFunctionalMapLearner(CallbackSupportMixin, Versioned, BaseEstimato
             return stop
 
         task.begin_iteration()
-        # A cluster's workers are not threads here.
+        # The workers of a cluster are no threads of this process.
         n_threads = min(effective_n_jobs(self.n_jobs), cpu_count())
         return training.learn(n_threads=n_threads, callback=after_iteration)
 
     def _assembled(self, training: TrainingSet, learned: LearnedMaps) -> dict[str, Any]:
-        """Return what `fit` leaves behind, but for the confidence."""
+        """Return the fitted state except for the confidence."""
         n_stable = count_stable(self.n_stable, self.n_functions)
         matcher = Matcher.from_learned(training, learned, matching=self.matching, n_stable=n_stable)
         refinement = refinement_of(self.refine, measured=training.truth_0.coordinates is not None)
@@ -893,7 +899,7 @@ class WeightedFunctionalMapLearner(CallbackSupportMixin, Versioned, BaseEstimato
         return self._of_one_side(usable), answers
 
     def _of_one_side(self, usable: Usable) -> Usable:
-        """Return the shapes with images of the mirrored ones in their place, if that is asked."""
+        """Replace mirrored shapes by their mirror images if ``on_mirrored="reflect"``."""
         if self.on_mirrored != "reflect":
             return usable
         mirrored = [is_mirrored(one) for one in self._solutions(usable.shapes, mirrored=True)]
@@ -918,7 +924,7 @@ class WeightedFunctionalMapLearner(CallbackSupportMixin, Versioned, BaseEstimato
         )
 
     def _report_found(self, usable: Usable, found: Sequence[MatchedShape]) -> None:
-        """Tell what the matches of new shapes show."""
+        """Warn of what the matches of new shapes show."""
         mirrored, familiar, misfits = (
             [is_mirrored(one.solution) for one in found],
             [one.match.familiar for one in found],
@@ -932,7 +938,7 @@ class WeightedFunctionalMapLearner(CallbackSupportMixin, Versioned, BaseEstimato
         refine: str | Refinement | None,
         interpolate: str | None,
     ) -> list[MatchedShape]:
-        """Return the matches of shapes that can be used, without a word about them."""
+        """Return the matches of usable shapes, without warnings."""
         check_choice(interpolate, "interpolate", INTERPOLATIONS)
         matcher = changed(self.matcher_, refine=refine)
         refined = matcher.refinement is not None and matcher.refinement is self.refine_
@@ -943,7 +949,7 @@ class WeightedFunctionalMapLearner(CallbackSupportMixin, Versioned, BaseEstimato
         return map_shapes(match_shape, arguments, n_jobs=self.n_jobs, verbose=0, prefer="threads")
 
     def _point_maps(self, shapes: Sequence[ProbedShape], **how: Any) -> list[IntArray]:
-        """Return point maps between the given meshes."""
+        """Return point-to-point maps between the given meshes."""
         matcher = changed(self.matcher_, **how)
         target = given_reference(matcher.reference, shapes)
         arguments = ((matcher, shape, target) for shape in shapes)
@@ -954,15 +960,15 @@ class WeightedFunctionalMapLearner(CallbackSupportMixin, Versioned, BaseEstimato
             tell(f"[{type(self).__name__}] {message}")
 
     def __setstate__(self, state: dict[str, Any]) -> None:
-        """Take what was saved, by earlier releases too."""
+        """Restore a saved state, including those of earlier releases."""
         super().__setstate__(upgraded(state))
 
     def __sklearn_is_fitted__(self) -> bool:
-        """Tell whether `fit` has ended."""
+        """Return whether `fit` has finished."""
         return hasattr(self, "matcher_")
 
     def __sklearn_tags__(self) -> Tags:
-        """Return tags that say that samples are no rows of a table, and that y is needed."""
+        """Return tags that declare that samples are not table rows, and that y is required."""
         tags = super().__sklearn_tags__()
         tags.input_tags.two_d_array = False
         tags.target_tags.required = True

@@ -1,4 +1,4 @@
-"""Checks of what the learner is given: shapes and correspondences."""
+"""Checks of the learner's input: shapes and correspondences."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -13,15 +13,12 @@ from skfmap.shapes.usable import Usable, describe, pick_usable, warn_of_skipped
 
 __all__ = ["check_correspondences", "check_new_shapes", "check_scored", "check_shapes"]
 
-# Share of the pairs of a shape that may be at vertices without a place without a word.
+# The user is warned if more than this fraction of a shape's pairs is at vertices without a place.
 _MANY_LOST = 0.02
 
 
 def check_shapes(X: object, n_functions: int) -> Sequence[Any]:
-    """Return the shapes, skipped ones among them.
-
-    What cannot be learned from together is an error.
-    """
+    """Return the shapes, including skipped ones; raise if they cannot be used together."""
     if isinstance(X, ProbedShape):
         raise TypeError("X is one probed shape, not a sequence of them; wrap it in a list: [X].")
     shapes = check_samples(X, "probed shapes")
@@ -50,7 +47,7 @@ def check_shapes(X: object, n_functions: int) -> Sequence[Any]:
 
 
 def check_new_shapes(X: object, reference: ProbedShape, n_functions: int) -> Usable:
-    """Return the new shapes that can be used, and those that are skipped."""
+    """Return the usable new shapes, and those that are skipped."""
     usable = pick_usable(check_shapes(X, n_functions))
     for i, shape in zip(usable.indices, usable.shapes, strict=True):
         _check_same_probes(shape, reference, describe(i, shape), "the training shapes")
@@ -62,7 +59,7 @@ def check_scored(
 ) -> tuple[Usable, list[Any]]:
     """Return new shapes and their correspondences.
 
-    With ``skip``, a shape whose own does not fit is skipped too.
+    With ``skip``, a shape whose correspondence does not fit is skipped too.
     """
     check_new_shapes(X, reference, n_functions)
     answers = check_correspondences(y, X, skip=skip)
@@ -79,15 +76,14 @@ def check_correspondences(
 ) -> list[Any]:
     """Return correspondences without the vertices that have no place on their working meshes.
 
-    Those with names are numbered alike, by names. For a shape that is skipped, the `SkippedShape`
-    itself.
-
-    With ``skip``, one that does not fit becomes a `SkippedShape` too.
+    Named template points are numbered by name, in the same way for all shapes. A skipped shape is
+    returned in place of its correspondence; with ``skip``, a correspondence that does not fit
+    becomes a `SkippedShape` too.
     """
     if y is None:
         raise ValueError(
-            "y is None; the learner needs where each shape lies on the template: one "
-            "Correspondence each."
+            "y is None, but the learner needs to know where each shape lies on the template; give "
+            "one Correspondence per shape."
         )
     given = list(y) if isinstance(y, np.ndarray) and y.ndim == 3 else y
     items = check_samples(given, "correspondences", "y")
@@ -105,7 +101,7 @@ def check_correspondences(
 
 
 def _numbered_alike(checked: list[Any], shapes: Sequence[Any]) -> list[Any]:
-    """Return correspondences whose template points have one numbering, by their names if any."""
+    """Return correspondences with a common numbering of template points, by name if there are."""
     given = [i for i, one in enumerate(checked) if isinstance(one, Correspondence)]
     named = [i for i in given if checked[i].names is not None]
     if not named:
@@ -113,8 +109,8 @@ def _numbered_alike(checked: list[Any], shapes: Sequence[Any]) -> list[Any]:
     if unnamed := [describe(i, shapes[i]) for i in given if i not in named]:
         raise CorrespondenceError(
             f"The template points of {describe(named[0], shapes[named[0]])} have names, but those "
-            f"of {', '.join(unnamed)} do not, so that they cannot be joined by them. Give names to "
-            "all correspondences, or to none."
+            f"of {', '.join(unnamed)} do not, so they cannot be joined by name. Give names to all "
+            "correspondences, or to none."
         )
     names = tuple(dict.fromkeys(name for i in named for name in checked[i].names))
     return [one.number_by(names) if i in named else one for i, one in enumerate(checked)]
@@ -123,7 +119,7 @@ def _numbered_alike(checked: list[Any], shapes: Sequence[Any]) -> list[Any]:
 def _warn_of_lost_pairs(
     items: Sequence[Any], checked: Sequence[Any], shapes: Sequence[Any]
 ) -> None:
-    """Name the shapes many of whose pairs are at vertices without a place."""
+    """Warn of shapes with many pairs at vertices without a place."""
     told = []
     for i, (item, kept, shape) in enumerate(zip(items, checked, shapes, strict=True)):
         if isinstance(kept, SkippedShape) or shape.spectral.prolongation is None:
@@ -134,16 +130,16 @@ def _warn_of_lost_pairs(
     if told:
         warn(
             f"{', '.join(told)} are at vertices that were left out when the mesh was mended or "
-            "wrapped, and are neither learned from nor scored.",
+            "wrapped; these pairs are not used for learning or scores.",
             CoverageWarning,
         )
 
 
 def _check_same_probes(shape: ProbedShape, other: ProbedShape, who: str, whom: str) -> None:
-    """Raise unless both shapes have the same probe functions, made with the same parameters."""
+    """Raise unless both shapes have the same probe functions, computed with equal parameters."""
     if shape.probe_names != other.probe_names:
         raise ValueError(
-            f"{who} has other probe functions than {whom} ({shape.probes.shape[1]} against "
+            f"{who} has different probe functions from {whom} ({shape.probes.shape[1]} against "
             f"{other.probes.shape[1]}); use one DescriptorTransformer for all shapes."
         )
     differing = [
@@ -151,8 +147,8 @@ def _check_same_probes(shape: ProbedShape, other: ProbedShape, who: str, whom: s
     ]
     if differing:
         raise ValueError(
-            f"The probe functions of {who} were made with other parameters than those of {whom}: "
-            f"{differing[0]}. Use the same SpectralBasis and DescriptorTransformer."
+            f"The probe functions of {who} were computed with different parameters from those of "
+            f"{whom}: {differing[0]}. Use the same SpectralBasis and DescriptorTransformer."
         )
 
 
@@ -173,7 +169,7 @@ def _check_correspondence(item: object, i: int, shape: ProbedShape) -> Correspon
     who = f"y[{i}]" if shape.name is None else f"y[{i}] (of {shape.name!r})"
     if isinstance(item, Landmarks):
         raise TypeError(
-            f"{who} is Landmarks, which are put onto their mesh first: "
+            f"{who} is a Landmarks object; put the points onto their mesh first, with "
             "Correspondence.from_points(landmarks, mesh)."
         )
     truth = item if isinstance(item, Correspondence) else Correspondence(check_pairs(item, who))
@@ -181,21 +177,21 @@ def _check_correspondence(item: object, i: int, shape: ProbedShape) -> Correspon
     if truth.n_vertices not in (None, n_vertices):
         raise CorrespondenceError(
             f"{who} was made for {truth.n_vertices} vertices, but the shape has {n_vertices}. If "
-            "it holds the vertex of each template point, use Correspondence.from_template."
+            "it lists the vertex of each template point, use Correspondence.from_template."
         )
     check_index_range(truth.pairs[:, 0], n_vertices, f"The pairs of {who}")
     check_index_range(truth.corners, n_vertices, f"The places of {who}")
     if truth.symmetric_pairs is not None:
         check_index_range(truth.symmetric_pairs[:, 0], n_vertices, f"The symmetric pairs of {who}")
     if len(truth.pairs) == 0:
-        raise CorrespondenceError(f"{who} holds no pairs; leave the shape out.")
+        raise CorrespondenceError(f"{who} has no pairs; leave the shape out.")
     if truth.weights is not None and not truth.weights.any():
         raise CorrespondenceError(f"All weights of {who} are zero; leave the shape out.")
     return truth
 
 
 def _placed(truth: Correspondence, shape: ProbedShape) -> Correspondence:
-    """Return the pairs of vertices that have a place on the working mesh."""
+    """Return a correspondence with the pairs whose vertices have a place on the working mesh."""
     prolongation = shape.spectral.prolongation
     if prolongation is None or prolongation.placed.all():
         return truth

@@ -1,4 +1,4 @@
-"""The reference's mesh as it was given, laid onto shapes as they were given."""
+"""The given mesh of the reference, laid onto the given meshes of shapes."""
 
 import numpy as np
 from scipy.spatial import KDTree
@@ -18,7 +18,7 @@ from skfmap.shapes import Mesh, ProbedShape, Registered, SkippedShape
 
 __all__ = ["faces_of", "registered", "unregistered", "with_detail"]
 
-# Cosine of the angle within which normals agree: 60 degrees.
+# Normals agree if the cosine of the angle between them is above this: 60 degrees.
 _AGREES = 0.5
 
 
@@ -30,9 +30,9 @@ def registered(
     Parameters
     ----------
     matcher, registration : Matcher, Registration
-        What was learned.
+        The fitted matcher and registration.
     shape : ProbedShape
-        S_i.
+        The shape S_i.
     target : GivenReference
         The given mesh of S_0.
     """
@@ -78,10 +78,10 @@ def unregistered(shape: SkippedShape, target: GivenReference) -> Registered:
 
 
 def with_detail(target: GivenReference, laid: FloatArray) -> FloatArray:
-    """Return where the given vertices go as the working ones do, at unit area.
+    """Return the given vertices of the reference, moved with the working vertices, at unit area.
 
-    What they have beyond the working mesh turns with it; pieces that were left out follow the
-    nearest vertex.
+    Detail beyond the working mesh rotates with it; components that were left out follow the nearest
+    vertex.
     """
     spectral_0 = target.shape
     if spectral_0.prolongation is None:
@@ -103,9 +103,9 @@ def with_detail(target: GivenReference, laid: FloatArray) -> FloatArray:
 def _onto(
     surface: ClosestPoints, vertices: FloatArray, faces: IntArray, reach: float
 ) -> FloatArray:
-    """Return the vertices on the surface, where it is near and its normals agree.
+    """Move vertices onto the surface where it is near and the normals agree.
 
-    Either mesh may have been given inside out; most vertices tell.
+    Either mesh may have been given inside out; the majority of the vertices decides.
     """
     near, normals = surface.of(vertices), vertex_normals(vertices, faces)
     cosines = np.einsum("na,na->n", normals, near.normals)

@@ -1,4 +1,4 @@
-"""What matching a new shape needs, all of it learned: equation (2), section 4.2, refinement."""
+"""The fitted state that matches new shapes: equation (2), section 4.2, and refinement."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -23,10 +23,7 @@ MATCHINGS = ("soft", "cut")
 
 
 class Settings(NamedTuple):
-    """Parameters that weights and errors belong to.
-
-    Setting them later has no effect before the next fit.
-    """
+    """Parameters that the weights were fitted with; changing them takes effect at the next fit."""
 
     alpha: float
     normalize: str
@@ -36,10 +33,11 @@ class Settings(NamedTuple):
 
 
 class Solution(NamedTuple):
-    """Equation (2) for one shape: X_i(D), the value there, and that for the mirrored shape.
+    """Solution of equation (2) for a shape: X_i(D), its residual, and that of the mirror image.
 
-    Beside coordinates, which change by any reflection as it happens to lie, the mirrored shape is
-    compared with the shape without them: ``upright_residual`` is the value for the shape then.
+    If there are coordinate probes, whose change depends on the plane of the reflection, both are
+    compared without them: ``upright_residual`` is then the residual of the shape without these
+    probes.
     """
 
     C: FloatArray
@@ -50,23 +48,23 @@ class Solution(NamedTuple):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Matcher:
-    """What matching a new shape needs.
+    """The learned state that is needed to match a new shape.
 
     Attributes
     ----------
     reference : ProbedShape
-        S_0.
+        The reference S_0.
     weights : ndarray of shape (m,)
         Diagonal of D.
     stable_basis : ndarray of shape (k, k)
-        Y.
+        The stable basis Y.
     residual_covariance, truncation_covariance : ndarray
-        How far learned maps, and known ones in all functions held, put the points of training
-        shapes from where they belong.
+        Covariances of how far learned maps, and known maps in all functions of the basis, put the
+        points of training shapes from where they belong.
     settings : Settings
         How equation (2) is set up, and which functions points are matched in.
     refinement : Refinement or None
-        A part with a ``refine`` method.
+        The refinement of matches.
     """
 
     reference: ProbedShape
@@ -87,23 +85,23 @@ class Matcher:
         n_stable: int,
         refinement: Refinement | None = None,
     ) -> Self:
-        """Put together what was learned from a training set.
+        """Create a matcher from the maps that were learned from a training set.
 
         Parameters
         ----------
         training : TrainingSet
-            The training set; shapes without a share are not asked.
+            The training set; shapes with share 0 are not used.
         learned : LearnedMaps
-            What was learned from it.
+            The maps that were learned from it.
         matching, n_stable : str, int
-            As the learner's parameters; p.
+            Parameters of the learner; here ``n_stable`` is the number p.
         refinement : Refinement, optional
-            How matches are refined.
+            The refinement of matches.
 
         Returns
         -------
         Matcher
-            What matches new shapes.
+            The matcher.
         """
         rows = training.used
         residuals = [_residuals(training, i, learned.maps[i]) for i in rows]
@@ -121,13 +119,13 @@ class Matcher:
         )
 
     def __repr__(self) -> str:
-        """Return a line with the reference, the number of functions, and the refinement."""
+        """Return the reference, the number of functions and the refinement in one line."""
         k = len(self.stable_basis)
         return f"Matcher({self.reference.name!r}, k={k}, refinement={self.refinement!r})"
 
     @property
     def probe_names(self) -> Array:
-        """What each weight belongs to; an object array of shape (m,)."""
+        """Name of each probe function; an object array of shape (m,)."""
         return np.array(self.reference.probe_names, dtype=object)
 
     @property
@@ -137,28 +135,29 @@ class Matcher:
 
     @property
     def functions(self) -> FloatArray:
-        """Functions that points are matched in, shape (k, k) or (k, p)."""
+        """Coefficients of the functions that points are matched in, shape (k, k) or (k, p)."""
         if self.settings.matching == "cut":
             return self.stable_basis[:, : self.settings.n_stable]
         return trusted_functions(self.residual_covariance)
 
     def solve(self, shape: ProbedShape, *, mirrored: bool = False) -> Solution:
-        """Solve equation (2) for a shape, and for its mirror image if asked.
+        """Solve equation (2) for a shape, and optionally for its mirror image.
 
-        Mirroring turns the sign of oriented probes on the right-hand side, and nothing else: one
-        factorisation serves both, but beside coordinates, which are left out.
+        Mirroring only changes the sign of oriented probes on the right-hand side, so the same
+        factorisation solves both. If there are coordinate probes, these are left out of the
+        comparison.
 
         Parameters
         ----------
         shape : ProbedShape
-            S_i.
+            The shape S_i.
         mirrored : bool, default=False
-            Whether the mirror image is solved for too.
+            Whether to solve for the mirror image too.
 
         Returns
         -------
         Solution
-            X_i(D), which pulls functions on S_0 back to S_i, and the values of (2) there.
+            X_i(D), which pulls functions on S_0 back to S_i, and the residuals of (2).
         """
         k, spectral_0 = len(self.stable_basis), self.reference.spectral
         alpha, normalize, regularizer = self.settings[:3]
@@ -180,19 +179,19 @@ class Matcher:
         return Solution(C, residual, image, upright)
 
     def match_points(self, shape: ProbedShape, C: FloatArray) -> tuple[PointMatch, PointMatch]:
-        """Match the points of a shape under its learned map (section 4.2), and refine the match.
+        """Match the points of a shape with its learned map (section 4.2), and refine the match.
 
         Parameters
         ----------
         shape : ProbedShape
-            S_i.
+            The shape S_i.
         C : ndarray of shape (k, k)
-            X_i(D).
+            The learned map X_i(D).
 
         Returns
         -------
         before, after : PointMatch
-            The match before refinement and after; point maps run from S_i to S_0.
+            The match before and after refinement; point-to-point maps go from S_i to S_0.
         """
         before = match_points(shape.spectral, self.reference.spectral, C, self.functions)
         if self.refinement is None:
@@ -200,23 +199,20 @@ class Matcher:
         after = self.refinement.refine(self, shape.spectral, before)
         if not isinstance(after, PointMatch):
             raise TypeError(
-                f"refine() of {self.refinement!r} must return a PointMatch, for instance that of "
+                f"refine() of {self.refinement!r} must return a PointMatch, such as that of "
                 f"rematch_points; got {type(after).__name__}."
             )
         return before, after
 
 
 def embedding_distance(shape: ProbedShape, match: PointMatch) -> float:
-    """Return the mean distance, by area, of the points of a shape from their matches.
-
-    In the embedding.
-    """
+    """Return the area-weighted mean distance between points and their matches, in the embedding."""
     distances = np.linalg.norm(match.points_i - match.points_0[match.p2p], axis=1)
     return float(np.average(distances, weights=shape.spectral.mass))
 
 
 def _residuals(training: TrainingSet, i: IntArray, C: FloatArray) -> FloatArray:
-    """Return the covariance of what a learned map misses at the known pairs of a training shape."""
+    """Return the covariance of a learned map's residuals at the pairs of a training shape."""
     k, observed = training.k, training.observed[i]
     join = observed.join
     evecs_i = training.shapes[i].spectral.evecs_at(join.vertices_i, k, join.places_i)

@@ -1,4 +1,4 @@
-"""Functions that take any fitted model: a learner, a Pipeline that ends in one, a search."""
+"""Functions for any fitted model: a learner, a Pipeline that ends in one, or a search."""
 
 from collections.abc import Iterable, Sequence
 from typing import Any
@@ -32,14 +32,15 @@ def match(
     model : WeightedFunctionalMapLearner, BridgedLearner, Pipeline or fitted search
         The model.
     X : sequence
-        What the model takes: meshes for a pipeline that begins with `SpectralBasis`.
+        The input of the model: meshes if it is a pipeline that starts with `SpectralBasis`.
     refine, interpolate : optional
         As in `WeightedFunctionalMapLearner.match`.
 
     Returns
     -------
     list of Match
-        Point map from each shape to the reference, expected errors, confidence and functional maps.
+        Point-to-point map from each shape to the reference, expected errors, confidence and
+        functional maps.
     """
     learner, shapes = learner_and_shapes(model, X)
     return list(learner.match(shapes, refine=refine, interpolate=interpolate))
@@ -55,21 +56,21 @@ def match_between(
     model : WeightedFunctionalMapLearner, BridgedLearner, Pipeline or fitted search
         The model.
     X : sequence
-        What the model takes: meshes for a pipeline that begins with `SpectralBasis`.
+        The input of the model: meshes if it is a pipeline that starts with `SpectralBasis`.
     pairs : iterable of (int, int), optional
-        From which shape to which: indices (i, j) into ``X``. All pairs of different shapes, in both
-        directions, by default.
+        Indices (i, j) into ``X``, to match ``X[i]`` to ``X[j]``. By default, all pairs of different
+        shapes in both directions.
 
     Returns
     -------
     list of Match
-        One for each pair, from ``X[i]`` to ``X[j]``, which is its reference; see
+        One match for each pair, from ``X[i]`` to ``X[j]``, which is its reference; see
         `WeightedFunctionalMapLearner.match_between`, and `PartialMatcher.match_between` for parts.
 
     Raises
     ------
     TypeError, ValueError
-        If ``pairs`` does not hold pairs of indices into ``X``, or the model matches no pairs.
+        If ``pairs`` does not contain pairs of indices into ``X``, or the model cannot match pairs.
 
     Examples
     --------
@@ -92,27 +93,27 @@ def match_between(
     learner, shapes = learner_and_shapes(model, X)
     if not hasattr(learner, "match_between"):
         raise TypeError(
-            f"{type(learner).__name__} matches no pairs of new shapes; go over the reference, as "
-            "one.to(other) does for two of its matches, or fit the pipeline inside it by itself."
+            f"{type(learner).__name__} cannot match pairs of new shapes. Combine two matches to "
+            "the reference with one.to(other), or fit the pipeline inside it directly."
         )
     return list(learner.match_between(shapes, pairs))
 
 
 def register(model: Model, X: Sequence[Any]) -> list[Registered]:
-    """Lay the reference's mesh onto shapes, with any model that was fitted to do so.
+    """Lay the reference's mesh onto shapes, with any model fitted with ``refine="register"``.
 
     Parameters
     ----------
     model : WeightedFunctionalMapLearner, Pipeline or fitted search
-        The model; of its learner, ``refine`` is ``"register"`` or a `Registration`. Or a
+        The model, fitted with ``refine="register"`` or a `Registration`. Or a
         `skfmap.PartialMatcher`, for parts.
     X : sequence
-        What the model takes: meshes for a pipeline that begins with `SpectralBasis`.
+        The input of the model: meshes if it is a pipeline that starts with `SpectralBasis`.
 
     Returns
     -------
     list of Registered
-        Vertices of the reference's mesh on each shape, and how well they lie.
+        Vertices of the reference's mesh on each shape, and how well they fit it.
 
     Examples
     --------
@@ -133,7 +134,7 @@ def register(model: Model, X: Sequence[Any]) -> list[Registered]:
     learner, shapes = learner_and_shapes(model, X)
     if not hasattr(learner, "register"):
         raise TypeError(
-            f"{type(learner).__name__} cannot lay meshes onto shapes; fit its learner by itself, "
+            f"{type(learner).__name__} cannot lay meshes onto shapes; fit its learner directly, "
             "with refine='register'."
         )
     return list(learner.register(shapes))
@@ -149,15 +150,15 @@ def predict_landmarks(
     model : WeightedFunctionalMapLearner, Pipeline or fitted search
         The model, fitted with correspondences of measured points.
     X : sequence
-        What the model takes: meshes for a pipeline that starts with `SpectralBasis`.
+        The input of the model: meshes if it is a pipeline that starts with `SpectralBasis`.
     coverage, on_surface : float, bool
         See `WeightedFunctionalMapLearner.predict_landmarks`.
 
     Returns
     -------
     list of Landmarks
-        In the units and the place of each mesh, with the expected error and the radius of the ball
-        that contains an observer's point as often as ``coverage`` says.
+        Landmarks in the units and coordinates of each mesh, with the expected error and the radius
+        of a ball that contains the observer's point with probability ``coverage``.
 
     Raises
     ------
@@ -189,25 +190,25 @@ def predict_landmarks(
     learner, shapes = learner_and_shapes(model, X)
     if not hasattr(learner, "predict_landmarks"):
         raise TypeError(
-            f"{type(learner).__name__} cannot place landmarks on shapes; fit its learner by itself."
+            f"{type(learner).__name__} cannot place landmarks on shapes; fit its learner directly."
         )
     return list(learner.predict_landmarks(shapes, coverage=coverage, on_surface=on_surface))
 
 
 def functional_maps(model: Model, X: Sequence[Any]) -> FloatArray:
-    """Return full functional maps, from the reference to each shape, with any fitted model.
+    """Return the full functional maps of shapes, with any fitted model.
 
     Parameters
     ----------
     model : WeightedFunctionalMapLearner, BridgedLearner, Pipeline or fitted search
         The model.
     X : sequence
-        What the model takes.
+        The input of the model.
 
     Returns
     -------
     maps : ndarray of shape (n_shapes, k, k)
-        X_i(D).
+        Learned maps X_i(D), from functions on the reference to functions on each shape.
     """
     learner, shapes = learner_and_shapes(model, X)
     return np.asarray(learner.functional_maps(shapes))

@@ -1,4 +1,4 @@
-"""The learner's parameters: which values can be used, and what words stand for."""
+"""Parameters of the learner: their valid values, and the objects that words stand for."""
 
 from dataclasses import replace
 from typing import Any, Literal, Protocol
@@ -47,11 +47,11 @@ WORDS: dict[str, dict[str, type[Any]]] = {
     "confidence": _CONFIDENCES,
     "known_maps": KNOWN_MAPS,
 }
-"""What the words of parameters that take a part stand for."""
+"""The classes that words stand for, for each parameter that takes a part."""
 
 
 class Parameters(Protocol):
-    """What the learner's constructor stores."""
+    """The parameters that the learner's constructor stores."""
 
     n_functions: int
     weighting: Weighting
@@ -72,7 +72,7 @@ class Parameters(Protocol):
 
 
 def check_parameters(given: Parameters) -> None:
-    """Raise ValueError or TypeError for a parameter that cannot be used."""
+    """Raise ValueError or TypeError if a parameter is invalid."""
     check_number(given.n_functions, "n_functions", low=2, integer=True)
     if isinstance(given.weighting, str) or given.weighting is None:
         check_choice(given.weighting, "weighting", WEIGHTINGS)
@@ -92,7 +92,8 @@ def check_parameters(given: Parameters) -> None:
     check_choice(given.on_mirrored, "on_mirrored", ("warn", "reflect"))
     if not isinstance(given.reference, str):
         raise ValueError(
-            f"reference must be the name of a shape, or one of its words; got {given.reference!r}."
+            "reference must be 'first', 'medoid' or the name of a training shape; got "
+            f"{given.reference!r}."
         )
     check_number(given.max_iter, "max_iter", low=1, integer=True)
     check_number(given.tol, "tol", low=0)
@@ -100,7 +101,7 @@ def check_parameters(given: Parameters) -> None:
 
 
 def learning_options(given: Parameters) -> LearningOptions:
-    """Return those that learning is about."""
+    """Return the parameters of learning."""
     names = set(LearningOptions._fields) - {"categories"}
     return LearningOptions(**{name: getattr(given, name) for name in names})
 
@@ -108,7 +109,7 @@ def learning_options(given: Parameters) -> LearningOptions:
 def refinement_of(refine: str | Refinement | None, *, measured: bool = False) -> Refinement | None:
     """Return the refinement that ``refine`` stands for, unfitted.
 
-    ``"auto"`` asks whether the points of training shapes were ``measured``.
+    ``"auto"`` depends on whether the points of training shapes were ``measured``.
     """
     if isinstance(refine, str) and refine == "auto":
         refine = "register" if measured else "bijective-zoomout"
@@ -121,12 +122,12 @@ def confidence_of(confidence: str | Confidence | None) -> Confidence | None:
 
 
 def known_maps_of(known_maps: str | KnownMaps | None) -> KnownMaps | None:
-    """Return the part that ``known_maps`` stands for; None is pairs as they are given."""
+    """Return the part that ``known_maps`` stands for; None means the pairs as given."""
     return make_part(known_maps, "known_maps", KNOWN_MAPS, KnownMaps)
 
 
 def count_stable(n_stable: float | str | None, k: int) -> int:
-    """Return p."""
+    """Return p, the number of stable functions."""
     if n_stable is None:
         return max(1, k // 2)
     if isinstance(n_stable, (int, np.integer)):
@@ -141,7 +142,7 @@ def changed(
     n_stable: float | str | None = "fitted",
     refine: str | Refinement | None = "fitted",
 ) -> Matcher:
-    """Return the matcher with other settings for one call; ``"fitted"`` is as it is."""
+    """Return the matcher with other settings for one call; ``"fitted"`` keeps the fitted ones."""
     settings = matcher.settings
     if matching != "fitted":
         settings = settings._replace(matching=check_choice(matching, "matching", MATCHINGS))
@@ -152,7 +153,7 @@ def changed(
 
 
 def _override(refine: str | Refinement | None, fitted: Refinement | None) -> Refinement | None:
-    """Return the refinement of one call: the fitted one, or another that learns nothing."""
+    """Return the refinement for one call: the fitted one, or one that needs no fitting."""
     if isinstance(refine, str) and refine == "fitted":
         return fitted
     asked = make_part(refine, "refine", _REFINEMENTS, Refinement)
@@ -160,6 +161,6 @@ def _override(refine: str | Refinement | None, fitted: Refinement | None) -> Ref
         return fitted
     if asked is not None and type(asked).fit is not Part.fit:
         raise ValueError(
-            f"{asked!r} learns from training shapes: give it to the learner, and fit that."
+            f"{asked!r} learns from training shapes; give it to the learner, and fit the learner."
         )
     return asked

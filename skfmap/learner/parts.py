@@ -1,4 +1,4 @@
-"""Parts that can be exchanged: a word or an object, or None, which switches a part off."""
+"""Exchangeable parts of the learner, given as a word, an object, or None to switch one off."""
 
 import pickle
 from collections.abc import Mapping
@@ -17,23 +17,23 @@ _Kind = TypeVar("_Kind", bound=Part)
 def make_part(
     value: object, name: str, words: Mapping[str, type[_Kind]], kind: type
 ) -> _Kind | None:
-    """Return the part that a parameter stands for, its own parameters checked; None stays None.
+    """Return the part that a parameter stands for, with its own parameters checked.
 
     Parameters
     ----------
     value : str, Part or None
-        What was given.
+        The value of the parameter; None is returned unchanged.
     name : str
-        Of the parameter.
+        The name of the parameter.
     words : dict
         The class that each word stands for.
     kind : type
-        What an object must be.
+        The class that an object must be derived from.
 
     Raises
     ------
     ValueError
-        If it is none of these.
+        If the value is neither a known word, nor None, nor an object of this class.
     """
     if value is None:
         return None
@@ -52,7 +52,7 @@ def make_part(
 
 
 def fit_part(part: _Kind | None, training: object, matcher: object) -> _Kind | None:
-    """Return a fitted clone of a part; None stays None."""
+    """Return a fitted clone of a part; None is returned unchanged."""
     if part is None:
         return None
     fitted: _Kind = clone(part)
@@ -61,7 +61,7 @@ def fit_part(part: _Kind | None, training: object, matcher: object) -> _Kind | N
 
 
 def same_part(one: Part | None, other: Part | None) -> bool:
-    """Tell whether two parts do the same: of one class, with equal parameters."""
+    """Return whether two parts have the same class and equal parameters."""
     if one is other or one is None or other is None:
         return one is other
     if type(one) is not type(other):
@@ -77,7 +77,7 @@ def check_part_is_object(
     current: Mapping[str, object],
     words: Mapping[str, Mapping[str, type[Any]]],
 ) -> None:
-    """Raise where ``name__parameter`` is set while the part ``name`` is a word, a class, or off."""
+    """Raise if ``name__parameter`` is set while ``name`` is a word, a class or None."""
     for key in params:
         name, _, inner = key.partition("__")
         value = params.get(name, current.get(name))
@@ -90,5 +90,5 @@ def check_part_is_object(
             for one in classes
         )
         raise ValueError(
-            f"{key} cannot be set while {name} is {value!r}: give the object instead, {told}."
+            f"{key} cannot be set while {name} is {value!r}; give the object instead: {told}."
         )

@@ -1,4 +1,4 @@
-"""What there is to learn from: the reference, the other training shapes, and their known maps."""
+"""The training set: the reference, the other training shapes, and their known maps."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
@@ -42,7 +42,7 @@ __all__ = ["FitRecord", "LearningOptions", "Observed", "TrainingSet"]
 
 
 class LearningOptions(NamedTuple):
-    """Parameters of `learn_functional_maps`, as the learner has them."""
+    """Parameters of `learn_functional_maps`, as set on the learner."""
 
     weighting: Weighting = "function"
     categories: Sequence[str] | None = None
@@ -54,7 +54,7 @@ class LearningOptions(NamedTuple):
     tol: float = 1e-4
 
     def resolved(self, reference: ProbedShape) -> Self:
-        """Return options that need no names: a callable ``weighting`` is asked for labels."""
+        """Return the options with labels in place of a callable ``weighting``."""
         weighting = self.weighting
         if callable(weighting):
             labels = weighting(list(reference.probe_names), list(reference.probe_categories))
@@ -67,9 +67,9 @@ class LearningOptions(NamedTuple):
 
 
 class FitRecord(NamedTuple):
-    """What a fitted learner remembers of its training set and of the search.
+    """Facts about the training set and the search that a fitted learner keeps.
 
-    Neither of these outlives `fit`.
+    The training set itself is not kept after `fit`.
     """
 
     reference_index: int
@@ -84,23 +84,23 @@ class FitRecord(NamedTuple):
 
     @property
     def loss(self) -> float:
-        """Equation (3) at the end."""
+        """Final value of equation (3)."""
         return self.loss_curve[-1]
 
 
 class Observed(NamedTuple):
-    """Pairs at which it shows what learned maps miss.
+    """Pairs at which the errors of learned maps are observed.
 
     Attributes
     ----------
     join, areas : JoinedPairs, ndarray of shape (n_pairs,)
-        Those that the known map was made of, and the area that each stands for.
+        The pairs that the known map was fitted to, and the area that each represents.
     residuals : ndarray of shape (n, n_components)
-        What landmarks were missed by that were left out while it was built; no rows where it was
-        not built.
+        Residuals of landmarks that were left out while the map was built; no rows if it was not
+        built.
     error : float
-        How far these landmarks were put from their places, on average, in sqrt(area): about what
-        built pairs are off. 0 for pairs that were given.
+        Mean distance of these landmarks from their places, in sqrt(area), which is about the error
+        of built pairs. 0 for pairs that were given.
     """
 
     join: JoinedPairs
@@ -111,44 +111,44 @@ class Observed(NamedTuple):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class TrainingSet:
-    """The reference and the other training shapes, with what is known of them.
+    """The reference and the other training shapes, with their correspondences and known maps.
 
     Attributes
     ----------
     reference : ProbedShape
-        S_0.
+        The reference S_0.
     reference_index : int
         Its index in X.
     truth_0 : Correspondence
         Where it lies on the template.
     shapes, truths : list of ProbedShape, list of Correspondence
-        The other shapes that can be used, and where they lie on the template. Of mirrored ones
-        their images, if that was asked.
+        The other usable shapes, and where they lie on the template. Mirrored shapes are replaced by
+        their mirror images if ``on_mirrored="reflect"``.
     indices : ndarray of int
         Their indices in X.
     joins, known : list of JoinedPairs, list of KnownMap
-        Pairs of each shape and of the reference that were given, and the map C_i that they make or
-        that was built from them. Areas are of the pairs that were given.
+        The given pairs of each shape and the reference, and the map C_i that was fitted to them or
+        built from them. Areas are those of the given pairs.
     observed : list of Observed
-        The pairs that each map was made of.
+        The pairs that each map was fitted to.
     wrong : list of ndarray of bool
-        Of the pairs that were given, those that were left out as exchanged or out of place.
+        Which of the given pairs were left out as swapped or out of place.
     share : ndarray of shape (n_shapes,)
         Share of each shape in equation (3).
     k : int
         Number of functions.
     options : LearningOptions
-        How it is learned from.
+        Parameters of learning.
     skipped : str
-        Which shapes of X were left out and why; empty if none was.
+        Message about shapes of X that were left out; empty if there are none.
     n_given : int
         Number of shapes in X.
     memory, n_jobs : object
-        Cache, and shapes at a time.
+        Cache, and number of shapes processed in parallel.
     how : KnownMapsRecord or None
-        How known maps came about.
+        How the known maps were made.
     told : list of str
-        What is to be said of that.
+        Messages about the known maps.
     """
 
     reference: ProbedShape
@@ -187,7 +187,7 @@ class TrainingSet:
         memory: MemoryLike = None,
         n_jobs: int | None = None,
     ) -> Self:
-        """Sort out the samples, join them with the reference, and fit the known maps."""
+        """Check the samples, join them with the reference, and fit the known maps."""
         build = PairsAsGiven() if build is None else build
         given = check_shapes(X, n_functions)
         answers = check_correspondences(y, given, skip=on_invalid == "skip")
@@ -209,13 +209,13 @@ class TrainingSet:
         ]
         if not rest:
             raise ValueError(
-                "Give at least two shapes: the reference and one to learn from; got 1."
+                "Give at least two usable shapes, the reference and one to learn from; got 1."
                 + (f" {skipped}" if skipped else "")
             )
         if not share[rest].any():
             raise ValueError(
-                "sample_weight is zero for every shape but the reference; there is nothing to "
-                "learn from."
+                "sample_weight is zero for every shape except the reference, so there is nothing "
+                "to learn from; give one of them a positive weight."
             )
         shapes, truths = [given[i] for i in rest], [answers[i] for i in rest]
         joins = [
@@ -233,7 +233,7 @@ class TrainingSet:
         known = [_of_given(*parts) for parts in zip(made, built, shapes, joins, strict=True)]
         called = [describe(i, given[i]) for i in rest]
         order, named = [index, *rest], [truth_0, *truths]
-        if on_mirrored == "reflect":  # known maps are those of the images too
+        if on_mirrored == "reflect":  # mirror images have the same known maps
             shapes = [
                 mirror_image(shape) if is_mirror_image(shape, shape_0, join, one) else shape
                 for shape, join, one in zip(shapes, joins, known, strict=True)
@@ -264,16 +264,16 @@ class TrainingSet:
         )
 
     def __repr__(self) -> str:
-        """Return a line with the reference and the number of shapes."""
+        """Return the reference, the number of shapes and of functions in one line."""
         return f"TrainingSet({self.reference.name!r}, n_shapes={len(self.shapes)}, k={self.k})"
 
     @property
     def used(self) -> IntArray:
-        """The shapes that have a share in the learning, by their positions here."""
+        """Positions of the shapes with a positive share."""
         return np.flatnonzero(self.share > 0)
 
     def record(self, learned: LearnedMaps) -> FitRecord:
-        """Return what outlives `fit`, beside what is matched with."""
+        """Return the facts that a fitted learner keeps, in addition to its matcher."""
         return FitRecord(
             reference_index=self.reference_index,
             reference_correspondence=self.truth_0,
@@ -287,14 +287,14 @@ class TrainingSet:
         )
 
     def describe(self, i: int) -> str:
-        """Return what messages call the i-th shape here: by its index in X and its name."""
+        """Return the i-th shape's index in X and its name, for messages."""
         return describe(int(self.indices[i]), self.shapes[i])
 
     def points(self, i: int) -> FloatArray:
-        """Return the points of the i-th shape that are paired, at unit area: (n_pairs, 3).
+        """Return the paired points of the i-th shape at unit area, shape (n_pairs, 3).
 
-        Those that were measured, or where the pairs are on the surface; of the image of a shape
-        that was reflected.
+        They are the measured points, or else the places of the pairs on the surface. For a
+        reflected shape they are points of its mirror image.
         """
         shape, truth, join = self.shapes[i].spectral, self.truths[i], self.joins[i]
         if truth.coordinates is None:
@@ -305,7 +305,7 @@ class TrainingSet:
         return measured * MIRROR if self.shapes[i].reflected else measured
 
     def wrong_on_reference(self) -> IntArray:
-        """Return the points that were left out on most shapes: the reference has the slip."""
+        """Return the points left out on most shapes, which are wrong on the reference."""
         points, at = np.unique(
             np.concatenate([join.points for join in self.joins]), return_inverse=True
         )
@@ -313,7 +313,7 @@ class TrainingSet:
         return np.asarray(points[is_on_most(n_wrong, np.bincount(at))])
 
     def only(self, rows: IntArray) -> Self:
-        """Return the training set of some of the shapes, and the reference."""
+        """Return the training set with the reference and only some of the shapes."""
         parts: dict[str, Any] = {
             name: [getattr(self, name)[i] for i in rows]
             for name in ("shapes", "truths", "joins", "known", "observed", "wrong")
@@ -321,10 +321,10 @@ class TrainingSet:
         return replace(self, **parts, indices=self.indices[rows], share=self.share[rows])
 
     def truncation(self) -> FloatArray:
-        """Return how far known maps in all functions held put points from where they belong.
+        """Return the residual covariance of known maps in all functions of the basis.
 
-        Averaged over the shapes that have a share. Where maps were built, what landmarks were
-        missed by that were left out then tells how much of it they hide.
+        It is averaged over the shapes with a positive share. If maps were built, the residuals of
+        landmarks left out of the building calibrate it.
         """
         rows = self.used
         size = min(len(self.known[i].truncation) for i in rows)
@@ -336,7 +336,7 @@ class TrainingSet:
         return calibrated_covariance(covariance, np.vstack([part[:, :size] for part in missed]))
 
     def arrays(self) -> dict[str, Any]:
-        """Return what equation (3) is about, as `learn_functional_maps` takes it."""
+        """Return the arrays of equation (3), as arguments of `learn_functional_maps`."""
         k = self.k
         return {
             "probes_0": self.reference.probes[:k],
@@ -355,19 +355,19 @@ class TrainingSet:
         callback: Callable[..., bool | None] | None = None,
         **changes: Any,
     ) -> LearnedMaps:
-        """Learn weights and stable basis (equations 3 and 4, section 4.1).
+        """Learn the weights and the stable basis (equations 3 and 4, section 4.1).
 
         Parameters
         ----------
         start, n_threads, callback : ndarray, int, callable
-            As of `learn_functional_maps`.
+            As in `learn_functional_maps`.
         **changes : optional
-            Options other than those of the training set.
+            Options that replace those of the training set.
 
         Returns
         -------
         LearnedMaps
-            What was learned.
+            The learned maps.
         """
         return learn_functional_maps(
             **self.arrays(),
@@ -379,7 +379,7 @@ class TrainingSet:
 
 
 def _with_given_mesh(shape: ProbedShape) -> ProbedShape:
-    """Return a shape with the mesh that it was given as, which answers need."""
+    """Return a shape together with its given mesh, which answers need."""
     given = shape.spectral.given
     if given is None:
         return shape
@@ -390,7 +390,7 @@ def _with_given_mesh(shape: ProbedShape) -> ProbedShape:
 def _reference_index(
     reference: str, shapes: Sequence[Any], truths: Sequence[Any], n_jobs: int | None
 ) -> int:
-    """Return the index of the reference; one that cannot be used is an error."""
+    """Return the index of the reference; raise if it cannot be used."""
     index = _index_of(reference, shapes, truths, n_jobs)
     for what in (shapes[index], truths[index]):
         if isinstance(what, SkippedShape):
@@ -409,21 +409,19 @@ def _index_of(
     if reference == "medoid":
         sound = [i for i in range(len(shapes)) if not isinstance(truths[i], SkippedShape)]
         if not sound:
-            raise MeshError(
-                f"No shape can be used: {truths[0].reason} All others are left out too."
-            )
+            raise MeshError(f"No shape can be used. The first: {truths[0].reason}")
         return sound[medoid_index([shapes[i] for i in sound], [truths[i] for i in sound], n_jobs)]
     names = [shape.name for shape in shapes]
     if names.count(reference) != 1:
         raise ValueError(
             f"reference={reference!r} must name exactly one of the training shapes; got {names}. "
-            "In a search that resamples, keep it in every fold with PinnedReference."
+            "In a search or cross-validation, keep it in every fold with PinnedReference."
         )
     return names.index(reference)
 
 
 def _of_given(known: KnownMap, built: BuiltMap, shape: ProbedShape, join: JoinedPairs) -> KnownMap:
-    """Return a known map with the areas of the pairs that were given."""
+    """Return a known map with the areas of the given pairs."""
     if built.pairs is join:
         return known
     areas = np.where(built.wrong, 0.0, areas_of_pairs(shape, join))
@@ -438,7 +436,7 @@ def _or_skipped(
     k: int,
     build: KnownMaps,
 ) -> Any:
-    """Return the correspondence, or why there is nothing to be learned from it."""
+    """Return the correspondence, or a skipped shape with the reason why it cannot be used."""
     if isinstance(truth, SkippedShape):
         return truth
     try:

@@ -44,6 +44,7 @@ _N_HYPOTHESES, _AS_GOOD, _ALIKE = 3, 4.0, 0.02
 _NEAR_IN_SPACE, _DISTANT = 0.1, 8.0
 # How much a logarithm of the probability counts beside the share that lies off the reference.
 _OF_LIKELIHOOD = 0.1
+_OF_P = 0.2
 
 
 class Regions(NamedTuple):
@@ -130,6 +131,8 @@ class LaidOnPart(NamedTuple):
         How far each is from the laid reference, and the cosine between their normals.
     disagreement, belief : ndarray of shape (n_points,)
         How far the answer is from where surroundings, made consistent, put it, and how firmly.
+    places : ndarray of shape (n_points, 3)
+        Where on the reference they are believed to be, consistently.
     signs : ndarray of shape (n_vertices_0, n_signs)
         What tells whether vertices of the reference are covered.
     off : float
@@ -146,6 +149,7 @@ class LaidOnPart(NamedTuple):
     facing: FloatArray
     disagreement: FloatArray
     belief: FloatArray
+    places: FloatArray
     signs: FloatArray
     off: float
     likelihood: float
@@ -164,11 +168,14 @@ class Body:
         Learned from training shapes, in units of sqrt(area) of the reference.
     recogniser : Recogniser
         Learned from their parts.
+    straight : tuple of ndarray of shape (n_regions, n_regions)
+        Mean and deviation of straight lines between regions, on training shapes.
     """
 
     regions: Regions
     deformation: Deformation
     recogniser: Recogniser
+    straight: tuple[FloatArray, FloatArray]
 
     @classmethod
     def learned(
@@ -183,7 +190,10 @@ class Body:
             [region[one.vertices_0[at]] for one, at in zip(lessons, rows, strict=True)],
             len(regions.centres),
         )
-        return cls(regions, deformation, recogniser)
+        centres = np.stack([one[regions.centres] for one in [regions.vertices, *laid]])
+        lines = np.linalg.norm(centres[:, :, None] - centres[:, None], axis=3)
+        straight = lines.mean(axis=0), lines.std(axis=0)
+        return cls(regions, deformation, recogniser, straight)
 
     @cached_property
     def _apart(self) -> FloatArray:
@@ -197,7 +207,7 @@ class Body:
         reference is laid anew.
         """
         logarithms = self.recogniser.logarithms(scan.features[scan.points])
-        along = scan.distances, scan.straight, self._apart
+        along = scan.distances, scan.straight, self._apart, self.straight
         found = hypotheses(logarithms, *along, _N_HYPOTHESES)
         laid = [
             self._laid_by(scan, one, logarithms, _FEW_ROUNDS)
@@ -245,33 +255,34 @@ class Body:
             belief,
             regions.vertices,
         )
+        owner = nearest(scan.vertices, scan.vertices[scan.points])
         vertices = lay_on_part(
             self.deformation,
             regions.faces,
             regions.areas,
+            regions.vertices,
             (scan.vertices, scan.faces),
+            places[owner],
             start,
             stiffness=_STIFFNESS,
             n_rounds=n_rounds,
         )
-        return self._judged(scan, vertices, logarithms, hypothesis.beliefs, belief)
+        return self._judged(scan, vertices, logarithms, places[owner], belief[owner])
 
     def _judged(
         self,
         scan: Scan,
         vertices: FloatArray,
         logarithms: npt.NDArray[np.float32],
-        beliefs: npt.NDArray[np.float32],
+        places: FloatArray,
         belief: FloatArray,
     ) -> LaidOnPart:
         regions, normals = self.regions, vertex_normals(vertices, self.regions.faces)
-        p2p = nearest_with_normals(scan.vertices, scan.normals, vertices, normals)
+        p2p = self.nearest(scan.vertices, scan.normals, places, vertices, normals)
         laid = ClosestPoints(vertices, regions.faces).of(scan.vertices)
         facing = np.einsum("na,na->n", scan.normals, laid.normals)
         off = (laid.distances > _OFF) | (facing < _AGREES)
-        # What points believe holds for the vertices that are nearest to them.
-        owner = nearest(scan.vertices, scan.vertices[scan.points])
-        believed = regions.centres[beliefs.argmax(axis=1)][owner]
+        believed = nearest(places, regions.vertices)
         region = regions.distances.argmin(axis=0)
         answered = region[p2p[scan.points]]
         likelihood = logarithms[np.arange(len(answered)), answered].mean()
@@ -281,11 +292,28 @@ class Body:
             laid.distances,
             facing,
             regions.ways(believed, p2p),
-            belief[owner],
+            belief,
+            places,
             self._signs(scan, vertices, normals, p2p),
             float(off.mean()),
             float(likelihood),
             float(self.deformation.adapted(vertices).strains(vertices).mean()),
+        )
+
+    def nearest(
+        self,
+        points: FloatArray,
+        normals: FloatArray,
+        places: FloatArray,
+        vertices: FloatArray,
+        normals_of_vertices: FloatArray,
+    ) -> IntArray:
+        """Return the nearest vertex, farther away where it is not believed."""
+        return nearest_with_normals(
+            np.column_stack([points, _OF_P * places]),
+            normals,
+            np.column_stack([vertices, _OF_P * self.regions.vertices]),
+            normals_of_vertices,
         )
 
     def _signs(

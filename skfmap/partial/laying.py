@@ -5,9 +5,10 @@ import numpy.typing as npt
 import scipy.sparse as sp
 
 from skfmap._tools.types import FloatArray, IntArray
+from skfmap.functional.neighbours import nearest
 from skfmap.functional.samples import farthest_points
 from skfmap.functional.similarity import best_similarity
-from skfmap.geometry.closest import ClosestPoints, nearest_places
+from skfmap.geometry.closest import ClosestPoints, NearestPlaces, nearest_places
 from skfmap.geometry.normals import vertex_normals
 from skfmap.registration.deformation import Deformation
 from skfmap.registration.laying import Anchors, lay_on_points, relaxed
@@ -20,6 +21,9 @@ _NEIGHBOURS = 0.15
 _N_POINTS = 2000
 # Distance, in sqrt(area), at which what draws counts for little, in the first round and the last.
 _REACH, _REACH_AT_LAST = 0.1, 0.03
+# Distance on the reference, in sqrt(area), at which what is believed elsewhere counts for little, and
+# how much it counts beside one in space.
+_ELSEWHERE, BESIDE_SPACE = 0.1, 0.4
 # Cosine of the angle within which normals agree: 60 degrees.
 _AGREES = 0.5
 # The stiffness falls from so many times what it ends with, in rounds of so many turns.
@@ -89,7 +93,9 @@ def lay_on_part(
     deformation: Deformation,
     faces: IntArray,
     areas: FloatArray,
+    vertices_0: FloatArray,
     part: tuple[FloatArray, IntArray],
+    places: FloatArray,
     start: FloatArray,
     *,
     stiffness: float,
@@ -118,7 +124,7 @@ def lay_on_part(
     """
     target, normals_i = ClosestPoints(*part), vertex_normals(*part)
     rows = farthest_points(part[0], _N_POINTS)
-    points, normals_i = part[0][rows], normals_i[rows]
+    points, normals_i, believed = part[0][rows], normals_i[rows], places[rows]
     vertices, draw = start, areas / areas.mean()
     stiffnesses = np.geomspace(_STIFFER * stiffness, stiffness, n_rounds)
     for now, reach in zip(stiffnesses, np.geomspace(_REACH, _REACH_AT_LAST, n_rounds), strict=True):
@@ -126,16 +132,40 @@ def lay_on_part(
         near = target.of(vertices)
         agree = np.einsum("na,na->n", normals, near.normals) > _AGREES
         pulls = draw * np.exp(-np.square(near.distances / reach) / 2) * (agree & ~near.on_rim)
+        elsewhere = np.linalg.norm(places[nearest(near.points, part[0])] - vertices_0, axis=1)
+        pulls *= np.exp(-np.square(elsewhere / _ELSEWHERE) / 2)
         there = Anchors(sp.eye_array(len(vertices), format="csr"), near.points, pulls)
-        back = nearest_places(points, vertices, faces)
+        back = _back(points, believed, vertices, vertices_0, faces)
         facing = np.einsum("nc,ncd->nd", back.weights, normals[back.corners])
         agree = np.einsum("na,na->n", facing, normals_i) > _AGREES
         pulls = np.exp(-np.square(back.distances / (2 * reach)) / 2) * agree
-        places = _matrix(back.corners, back.weights, len(vertices))
-        here = Anchors(places, points, pulls)
+        here = Anchors(_matrix(back.corners, back.weights, len(vertices)), points, pulls)
         elastic = deformation.adapted(vertices)
         vertices = relaxed(elastic, float(now), vertices, there, here, n_turns=_TURNS)
     return vertices
+
+
+def _back(
+    points: FloatArray,
+    believed: FloatArray,
+    vertices: FloatArray,
+    vertices_0: FloatArray,
+    faces: IntArray,
+) -> NearestPlaces:
+    """Return where points are nearest to the reference; where that is not believed, to a vertex."""
+    back = nearest_places(points, vertices, faces)
+    there = np.einsum("nc,ncd->nd", back.weights, vertices_0[back.corners])
+    rows = np.flatnonzero(np.linalg.norm(there - believed, axis=1) > _ELSEWHERE)
+    if not len(rows):
+        return back
+    chosen = nearest(
+        np.column_stack([points[rows], BESIDE_SPACE * believed[rows]]),
+        np.column_stack([vertices, BESIDE_SPACE * vertices_0]),
+    )
+    corners, weights, distances = (part.copy() for part in back)
+    corners[rows], weights[rows] = chosen[:, None], [1.0, 0.0, 0.0]
+    distances[rows] = np.linalg.norm(points[rows] - vertices[chosen], axis=1)
+    return NearestPlaces(corners, weights, distances)
 
 
 def _matrix(corners: IntArray, weights: FloatArray, n_vertices: int) -> sp.csr_array:

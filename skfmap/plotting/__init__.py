@@ -1,6 +1,7 @@
 """Pictures of functions on meshes, of matches and of learned models.
 
-Figures of matplotlib, which need no screen, and pages in which shapes can be turned.
+Pictures are matplotlib figures, which need no display. Pages are interactive HTML pages, in which
+shapes can be turned.
 """
 
 from skfmap.plotting._basis_error import BasisErrorDisplay

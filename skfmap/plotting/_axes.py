@@ -1,4 +1,4 @@
-"""Axes to draw curves on."""
+"""Helpers for axes with curves."""
 
 from typing import TYPE_CHECKING, Any
 
@@ -11,12 +11,12 @@ if TYPE_CHECKING:
 
 __all__ = ["axes_or_new", "finish", "of_known_shapes"]
 
-# Okabe and Ito's colours, which the colour-blind can tell apart.
+# The colours of Okabe and Ito, which remain distinct with colour vision deficiency.
 _COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
 
 
 def axes_or_new(ax: "Axes | None") -> "Axes":
-    """Return ``ax``, or those of a new figure; where nothing is drawn yet, colours are set."""
+    """Return ``ax``, or the axes of a new figure; set the colour cycle if nothing is drawn yet."""
     from matplotlib import pyplot as plt  # noqa: PLC0415
 
     drawn = plt.subplots(figsize=(6.4, 4.2), layout="constrained")[1] if ax is None else ax
@@ -26,16 +26,19 @@ def axes_or_new(ax: "Axes | None") -> "Axes":
 
 
 def of_known_shapes(differences: FloatArray) -> FloatArray:
-    """Return the differences of maps without those of shapes that were left out, which are NaN."""
+    """Return differences of maps without those that are NaN, which belong to skipped shapes."""
     stacked = differences.reshape(-1, *differences.shape[-2:])
     known = ~np.isnan(stacked).any(axis=(1, 2))
     if not known.any():
-        raise ValueError("There is nothing to draw: no shape could be used.")
+        raise ValueError(
+            "There is nothing to draw, because all shapes were skipped. The warnings of the "
+            "pipeline say why."
+        )
     return np.asarray(differences if differences.ndim == 2 else stacked[known])
 
 
 def finish(ax: "Axes", **labels: Any) -> None:
-    """Label axes in the reader's words, with a grid behind, and a legend if anything has a name."""
+    """Set labels and limits, draw a grid, and add a legend if any line has a name."""
     ax.set(**labels)
     ax.grid(alpha=0.25, linewidth=0.6)
     ax.set_axisbelow(True)

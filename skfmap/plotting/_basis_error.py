@@ -1,4 +1,4 @@
-"""How well each function of Y is mapped (equation 5; figure 5, left)."""
+"""Error of each function of Y under the learned map (equation 5; figure 5, left)."""
 
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any, Self
@@ -19,25 +19,29 @@ __all__ = ["BasisErrorDisplay"]
 
 
 class BasisErrorDisplay:
-    """Error (5) of the functions of Y, the most stable one first.
+    """Plot of the error (5) of the functions of Y, the most stable function first.
 
-    The curve rises where the order that training found holds for the shapes that are drawn.
+    If the order of stability learned in training also holds for the shapes drawn, the curve rises.
 
     Parameters
     ----------
     errors : array-like of shape (n_shapes, k)
-        Length of (X_i(D) - C_i) y_j for each shape and function, the most stable function first.
+        Norm of (X_i(D) - C_i) y_j for each shape and function, the most stable function first.
     name : str, optional
-        What the curve is called in the legend.
+        Name of the curve in the legend.
 
     Attributes
     ----------
-    ax_, figure_, line_ : matplotlib Axes, Figure, Line2D
-        What was drawn: the mean over the shapes.
+    ax_ : matplotlib Axes
+        Axes with the curve.
+    figure_ : matplotlib Figure
+        Figure that contains the axes.
+    line_ : matplotlib Line2D
+        The curve: the mean over the shapes.
 
     See Also
     --------
-    skfmap.metrics.basis_error : The same numbers.
+    skfmap.metrics.basis_error : Compute the errors without drawing them.
 
     Examples
     --------
@@ -64,25 +68,27 @@ class BasisErrorDisplay:
         ax: "Axes | None" = None,
         **kwargs: Any,
     ) -> Self:
-        """Draw how well a fitted model maps its stable functions to shapes of known correspondence.
+        """Draw the errors of a fitted model on shapes with known correspondences.
 
         Parameters
         ----------
         model : WeightedFunctionalMapLearner, Pipeline or fitted search
-            The model.
-        X, y : sequence, sequence of correspondences
-            Shapes that it was not trained on, and where they lie on the template.
+            Fitted model.
+        X : sequence of shapes
+            Shapes that the model was not trained on.
+        y : sequence of correspondences
+            Correspondence of each shape with the template.
         name : str, optional
-            In the legend.
+            Name of the curve in the legend.
         ax : matplotlib Axes, optional
-            Where to draw; a new figure by default.
+            Axes to draw on; those of a new figure by default.
         **kwargs : dict
-            Of the line.
+            Properties of the line, passed to matplotlib.
 
         Returns
         -------
         BasisErrorDisplay
-            What was drawn.
+            The display.
         """
         learner, shapes = learner_and_shapes(model, X)
         maps, known = learner.functional_maps(shapes), learner.ground_truth_maps(shapes, y)
@@ -99,7 +105,7 @@ class BasisErrorDisplay:
         ax: "Axes | None" = None,
         **kwargs: Any,
     ) -> Self:
-        """Draw how far functional maps of a basis are from the known ones.
+        """Draw the errors of functional maps, given the known maps.
 
         Parameters
         ----------
@@ -113,7 +119,7 @@ class BasisErrorDisplay:
         Returns
         -------
         BasisErrorDisplay
-            What was drawn.
+            The display.
         """
         maps, known_maps, Y = (
             np.asarray(array, dtype=np.float64) for array in (maps, known_maps, stable_basis)
@@ -125,21 +131,21 @@ class BasisErrorDisplay:
         return cls(np.stack(errors), name=name).plot(ax, **kwargs)
 
     def plot(self, ax: "Axes | None" = None, *, name: str | None = None, **kwargs: Any) -> Self:
-        """Draw the curve; several may share axes.
+        """Draw the curve; several curves can share axes.
 
         Parameters
         ----------
         ax : matplotlib Axes, optional
-            Where to draw; a new figure by default.
+            Axes to draw on; those of a new figure by default.
         name : str, optional
-            In the legend.
+            Name of the curve in the legend.
         **kwargs : dict
-            Of the line.
+            Properties of the line, passed to matplotlib.
 
         Returns
         -------
         BasisErrorDisplay
-            Itself.
+            The display itself.
         """
         errors = np.atleast_2d(self.errors)
         ax = axes_or_new(ax)

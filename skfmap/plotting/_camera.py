@@ -1,4 +1,4 @@
-"""Where pictures of shapes are taken from."""
+"""Camera for pictures of shapes."""
 
 from dataclasses import dataclass
 
@@ -12,21 +12,23 @@ __all__ = ["Camera", "check_camera", "turn_upright"]
 
 @dataclass(frozen=True)
 class Camera:
-    """A camera far away, the same for all shapes of a picture.
+    """Direction from which all shapes of a picture are seen, in parallel projection.
 
     Parameters
     ----------
     up : {"x", "y", "z"}, default="z"
-        Which axis of the meshes points up.
+        Axis of the meshes that points up.
     azimuth : float, default=60
         Rotation about the up axis, in degrees.
     elevation : float, default=20
-        Height above the ground, in degrees, from -90 to 90.
+        Angle above the horizon, in degrees, from -90 to 90.
 
     Raises
     ------
-    TypeError, ValueError
-        If a parameter is of the wrong type or out of its range.
+    TypeError
+        If a parameter has the wrong type.
+    ValueError
+        If a parameter is out of range.
 
     Examples
     --------
@@ -50,21 +52,21 @@ class Camera:
         Parameters
         ----------
         points : ndarray of shape (n, 3)
-            Points of a mesh.
+            Points in the coordinates of the mesh.
 
         Returns
         -------
         ndarray of shape (n, 3)
-            The same points as the camera sees them.
+            The same points in camera coordinates.
         """
         return self.project_upright(turn_upright(points, self.up))
 
     def project_upright(self, points: FloatArray) -> FloatArray:
-        """Return the same for points whose z is up already."""
+        """Return camera coordinates of points whose z axis already points up."""
         return np.asarray(points @ self._axes().T)
 
     def position(self) -> FloatArray:
-        """Return the direction in which the camera lies, in upright coordinates (z up)."""
+        """Return the unit vector towards the camera, in upright coordinates (z up)."""
         return self._axes()[2]
 
     def _axes(self) -> FloatArray:
@@ -75,15 +77,15 @@ class Camera:
 
 
 def turn_upright(points: FloatArray, up: str) -> FloatArray:
-    """Return points with the axis that pointed up as z; a rotation, so that left stays left."""
+    """Return points rotated so that the axis ``up`` becomes z; handedness is preserved."""
     order = {"z": [0, 1, 2], "y": [2, 0, 1], "x": [1, 2, 0]}[up]
     return np.asarray(points, dtype=np.float64)[..., order]
 
 
 def check_camera(camera: object) -> Camera:
-    """Return a camera, the usual one if none is given."""
+    """Return the given camera, or the default one for None."""
     if camera is None:
         return Camera()
     if not isinstance(camera, Camera):
-        raise TypeError(f"camera must be a Camera: Camera(up='y'), for instance; got {camera!r}.")
+        raise TypeError(f"camera must be a Camera, for instance Camera(up='y'); got {camera!r}.")
     return camera

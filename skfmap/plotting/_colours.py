@@ -1,4 +1,4 @@
-"""Colours: perceptually uniform, and told apart by the colour-blind."""
+"""Colour scales that are perceptually uniform and safe for colour vision deficiency."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -14,22 +14,22 @@ __all__ = ["CONFIDENCE", "ERRORS", "UNKNOWN", "Scale", "scale_of"]
 UNKNOWN = (0.72, 0.72, 0.72)
 """Grey, for vertices that have no value."""
 
-# On a lit surface what is light is easier to see: small errors and high confidence are light.
+# Light colours are easier to see on a lit surface: small errors and high confidence are light.
 SEQUENTIAL, DIVERGING, ERRORS, CONFIDENCE = "viridis", "coolwarm", "magma_r", "magma"
 
 
 @dataclass(frozen=True)
 class Scale:
-    """How values become colours.
+    """Mapping from values to colours.
 
     Attributes
     ----------
     cmap : str
-        Name of a colour map of matplotlib.
+        Name of a matplotlib colour map.
     low, high : float
-        Values at its ends.
+        Values at the ends of the colour map.
     label : str
-        What the values are.
+        Description of the values.
     """
 
     cmap: str
@@ -38,7 +38,7 @@ class Scale:
     label: str = ""
 
     def colours(self, values: ArrayLike) -> FloatArray:
-        """Return the colours of values, shape (n, 3); masked and undefined values are grey."""
+        """Return the colours of values, of shape (n, 3); masked and undefined values are grey."""
         import matplotlib as mpl  # noqa: PLC0415
 
         filled = undefined_as_nan(values)
@@ -49,7 +49,7 @@ class Scale:
 
 
 def undefined_as_nan(values: ArrayLike) -> FloatArray:
-    """Return values as floats, NaN where they are masked or infinite."""
+    """Return values as floats, with NaN where they are masked or infinite."""
     filled = np.ma.filled(np.ma.asarray(values).astype(np.float64), np.nan)
     return np.where(np.isfinite(filled), filled, np.nan)
 
@@ -60,9 +60,10 @@ def scale_of(
     limits: Sequence[float] | None = None,
     label: str = "",
 ) -> Scale:
-    """Return one scale for several functions.
+    """Return a common scale for several functions.
 
-    It diverges about zero if they have both signs, and is sequential otherwise.
+    The default colour map diverges about zero if values of both signs occur; otherwise it is
+    sequential.
     """
     known = np.concatenate([undefined_as_nan(one) for one in values])
     known = known[~np.isnan(known)]
@@ -79,7 +80,7 @@ def scale_of(
 def _checked_limits(limits: object) -> tuple[float, float]:
     ends = as_reals(limits, "limits")
     if ends.shape != (2,) or not np.isfinite(ends).all() or not ends[0] < ends[1]:
-        raise ValueError(f"limits must be two numbers, the lower first; got {limits!r}.")
+        raise ValueError(f"limits must be two finite numbers in increasing order; got {limits!r}.")
     return float(ends[0]), float(ends[1])
 
 
@@ -87,4 +88,4 @@ def _check_cmap(cmap: str) -> None:
     from matplotlib import colormaps  # noqa: PLC0415
 
     if cmap not in colormaps:
-        raise ValueError(f"cmap must be the name of a colour map of matplotlib; got {cmap!r}.")
+        raise ValueError(f"cmap must be the name of a matplotlib colour map; got {cmap!r}.")

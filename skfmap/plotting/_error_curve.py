@@ -1,4 +1,4 @@
-"""How many points are matched how well (figure 5, right)."""
+"""Cumulative curve of geodesic errors (figure 5, right)."""
 
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any, Self
@@ -22,34 +22,38 @@ __all__ = ["ErrorCurveDisplay"]
 
 _SYMMETRIC = {
     "direct": "",
-    "consistent": ", the symmetric answer correct if it is so everywhere",
+    "consistent": ", better of the direct and the symmetric answer per map",
     "per_vertex": ", symmetric answers correct",
 }
 
 
 class ErrorCurveDisplay:
-    """Share of the points whose geodesic error is below a threshold.
+    """Plot of the percentage of points whose geodesic error is below a threshold.
 
     Parameters
     ----------
     errors : ndarray of shape (n,)
         Geodesic errors, in units of sqrt(area) of the reference.
     weights : ndarray of shape (n,), optional
-        Weight of each; all alike by default.
+        Weight of each error; equal weights by default.
     kind : {"direct", "consistent", "per_vertex"}, default="direct"
-        What symmetric answers counted for; it is said on the axis.
+        How symmetric answers were counted. The label of the axis says so.
     name : str, optional
-        What the curve is called in the legend.
+        Name of the curve in the legend.
 
     Attributes
     ----------
-    ax_, figure_, line_ : matplotlib Axes, Figure, Line2D
-        What was drawn.
+    ax_ : matplotlib Axes
+        Axes with the curve.
+    figure_ : matplotlib Figure
+        Figure that contains the axes.
+    line_ : matplotlib Line2D
+        The curve.
 
     See Also
     --------
-    skfmap.metrics.error_curve : The same numbers.
-    ReliabilityDisplay : Whether the errors were expected.
+    skfmap.metrics.error_curve : Compute the curve without drawing it.
+    ReliabilityDisplay : Compare expected errors with true ones.
 
     Examples
     --------
@@ -89,30 +93,32 @@ class ErrorCurveDisplay:
         ax: "Axes | None" = None,
         **kwargs: Any,
     ) -> Self:
-        """Match shapes of known correspondence with a fitted model and draw the errors.
+        """Match shapes with known correspondences and draw the errors.
 
         Parameters
         ----------
         model : WeightedFunctionalMapLearner, Pipeline or fitted search
-            The model.
-        X, y : sequence, sequence of correspondences
-            Shapes that it was not trained on, and where they lie on the template.
+            Fitted model.
+        X : sequence of shapes
+            Shapes that the model was not trained on.
+        y : sequence of correspondences
+            Correspondence of each shape with the template.
         kind : {"direct", "consistent", "per_vertex"}, default="direct"
-            What symmetric answers count for; see `skfmap.metrics`.
+            How symmetric answers are counted; see `skfmap.metrics`.
         matching, n_stable, refine, reference_y : optional
-            As in `skfmap.WeightedFunctionalMapLearner.pair_errors`: ``matching="cut",
-            n_stable=1.0`` are full maps.
+            As in `skfmap.WeightedFunctionalMapLearner.pair_errors`. For full maps, use
+            ``matching="cut", n_stable=1.0``.
         name : str, optional
-            In the legend.
+            Name of the curve in the legend.
         ax : matplotlib Axes, optional
-            Where to draw; a new figure by default.
+            Axes to draw on; those of a new figure by default.
         **kwargs : dict
-            Of `plot`.
+            Arguments of `plot`.
 
         Returns
         -------
         ErrorCurveDisplay
-            What was drawn.
+            The display.
         """
         learner, shapes = learner_and_shapes(model, X)
         errors = learner.pair_errors(
@@ -130,19 +136,19 @@ class ErrorCurveDisplay:
         ax: "Axes | None" = None,
         **kwargs: Any,
     ) -> Self:
-        """Draw errors that were computed before.
+        """Draw errors that have already been computed.
 
         Parameters
         ----------
         errors : sequence of PairErrors, or ndarray of shape (n,)
-            Of `skfmap.WeightedFunctionalMapLearner.pair_errors`, or plain errors.
+            Result of `skfmap.WeightedFunctionalMapLearner.pair_errors`, or plain errors.
         kind, name, ax, **kwargs : optional
             As in `from_estimator`.
 
         Returns
         -------
         ErrorCurveDisplay
-            What was drawn.
+            The display.
         """
         check_choice(kind, "kind", ERROR_KINDS)
         given = [errors] if isinstance(errors, PairErrors) else list(errors)
@@ -150,7 +156,9 @@ class ErrorCurveDisplay:
         if len(pairs) < len(given):
             return cls(np.asarray(errors), kind=kind, name=name).plot(ax, **kwargs)
         if not any(len(one.vertices) for one in pairs):
-            raise ValueError("There is nothing to draw: no errors, or no shape could be used.")
+            raise ValueError(
+                "There is nothing to draw, because no errors were given or all shapes were skipped."
+            )
         weights = np.concatenate([one.weights for one in pairs])
         values = np.concatenate([one.of_kind(kind) for one in pairs])
         return cls(values, weights=weights, kind=kind, name=name).plot(ax, **kwargs)
@@ -163,23 +171,23 @@ class ErrorCurveDisplay:
         largest: float = 0.25,
         **kwargs: Any,
     ) -> Self:
-        """Draw the curve; several may share axes.
+        """Draw the curve; several curves can share axes.
 
         Parameters
         ----------
         ax : matplotlib Axes, optional
-            Where to draw; a new figure by default.
+            Axes to draw on; those of a new figure by default.
         name : str, optional
-            In the legend.
+            Name of the curve in the legend.
         largest : float, default=0.25
-            Error at the right end, in units of sqrt(area).
+            Largest error on the horizontal axis, in units of sqrt(area).
         **kwargs : dict
-            Of the line.
+            Properties of the line, passed to matplotlib.
 
         Returns
         -------
         ErrorCurveDisplay
-            Itself.
+            The display itself.
         """
         thresholds = np.linspace(0, largest, 200)
         ax = axes_or_new(ax)

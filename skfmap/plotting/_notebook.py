@@ -1,4 +1,4 @@
-"""What a notebook shows of shapes, matches and collections: a small picture, and the numbers."""
+"""HTML that notebooks show for shapes, matches and collections: a small picture and a table."""
 
 import base64
 import html
@@ -19,15 +19,15 @@ from skfmap.shapes import Landmarks, Match, Mesh, Registered
 
 __all__ = ["html_of"]
 
-_DPI = 70  # of pictures beside a table
-_IVORY = (0.80, 0.77, 0.70)  # of shapes: colours would look as if they corresponded
-_MOST = 6  # meshes of a collection that are drawn, and landmarks that are listed
-# Faces that matplotlib draws within a second or so; more are not drawn unasked.
+_DPI = 70  # resolution of the picture beside the table
+_IVORY = (0.80, 0.77, 0.70)  # one colour for all shapes, so as not to suggest a correspondence
+_MOST = 6  # largest number of meshes drawn, and of landmarks listed
+# Largest number of faces drawn automatically; matplotlib takes about a second for so many.
 _MOST_FACES = 200_000
 
 
 class _Shown(NamedTuple):
-    """What is shown: a head line, the numbers by name, and what draws the picture."""
+    """Contents of the output: a title, rows of the table, and a function that makes the scene."""
 
     title: str
     rows: dict[str, str]
@@ -35,9 +35,9 @@ class _Shown(NamedTuple):
 
 
 def html_of(item: Any) -> str:
-    """Return HTML with a small picture and the numbers of a shape, a match or a collection.
+    """Return HTML with a small picture and a table for a shape, a match or a collection.
 
-    Without matplotlib, or where a mesh cannot be had, the numbers alone.
+    There is no picture if matplotlib is not installed or a mesh cannot be opened.
     """
     shown = _shown(item)
     rows, picture = dict(shown.rows), ""
@@ -60,17 +60,19 @@ def html_of(item: Any) -> str:
 
 
 def _picture(shown: _Shown) -> str:
-    """Return a picture as part of the page; nothing where there is nothing to draw."""
+    """Return the picture as an HTML element; an empty string if there is nothing to draw."""
     scene = shown.scene()
     if scene is None:
         return ""
     n_faces = sum(panel.mesh.n_faces for panel in scene.panels)
     if n_faces > _MOST_FACES:
-        raise ValueError(f"{n_faces} faces take a while; skfmap.plotting draws them.")
+        raise ValueError(
+            f"{n_faces} faces are too many to draw automatically; use skfmap.plotting."
+        )
     from matplotlib.backends.backend_agg import FigureCanvasAgg  # noqa: PLC0415
     from matplotlib.figure import Figure  # noqa: PLC0415
 
-    figure = draw_scene(scene, Figure)  # not pyplot's, which would be shown a second time
+    figure = draw_scene(scene, Figure)  # pyplot would show the figure a second time
     figure.set_dpi(_DPI)
     file = io.BytesIO()
     FigureCanvasAgg(figure).print_png(file, metadata={"Software": None})
@@ -80,7 +82,7 @@ def _picture(shown: _Shown) -> str:
 
 @singledispatch
 def _shown(item: Any) -> _Shown:
-    raise TypeError(f"There is no picture of a {type(item).__name__}.")
+    raise TypeError(f"No picture is defined for a {type(item).__name__}.")
 
 
 @_shown.register
@@ -103,7 +105,7 @@ def _(match: Match) -> _Shown:
     if errors is not None and not np.isnan(errors).all():
         tenth = np.nanpercentile(errors, 90)
         rows["expected error"] = (
-            f"{np.nanmean(errors):.3f} sqrt(area) in the mean; above {tenth:.3f} at a tenth"
+            f"mean {np.nanmean(errors):.3f}, 90th percentile {tenth:.3f}, in sqrt(area)"
         )
     if np.isfinite(match.misfit):
         rows["misfit"] = f"{match.misfit:.2f} (above 1 is worse than any training shape)"
@@ -131,7 +133,7 @@ def _(laid: Registered) -> _Shown:
 def _(marks: Landmarks) -> _Shown:
     rows = {"landmarks": f"{len(marks.names)}, of which {int(marks.placed.sum())} are placed"}
     if marks.expected_error is not None and np.isfinite(marks.expected_error).any():
-        rows["expected error"] = f"{np.nanmean(marks.expected_error):.3g} in the mean"
+        rows["expected error"] = f"mean {np.nanmean(marks.expected_error):.3g}"
     for name, point in list(zip(marks.names, marks.points, strict=True))[:_MOST]:
         rows[name] = ", ".join(f"{x:.4g}" for x in point)
     if len(marks.names) > _MOST:
@@ -147,7 +149,7 @@ def _(collection: Collection) -> _Shown:
     if sizes:
         rows["vertices"] = f"{min(sizes)} to {max(sizes)}"
     if len(meshes) < len(collection.meshes):
-        rows["left out"] = str(len(collection.meshes) - len(meshes))
+        rows["skipped"] = str(len(collection.meshes) - len(meshes))
     rows["about"] = " ".join(str(collection.get("DESCR", "")).split("\n\n")[0].split())
     camera = Camera(up=collection.get("up", "z"))
     title = f"Collection {', '.join(map(str, collection.names[:_MOST]))}"
@@ -156,7 +158,7 @@ def _(collection: Collection) -> _Shown:
 
 
 def _scene(meshes: Sequence[Mesh], camera: Camera | None = None) -> Scene | None:
-    """Return meshes side by side, in one colour."""
+    """Return a scene of meshes side by side, in one colour."""
     if not meshes:
         return None
     usual = dict.fromkeys(("captions", "labels", "cmap", "limits"))

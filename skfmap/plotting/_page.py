@@ -1,6 +1,7 @@
-"""Pages in which shapes can be turned; any browser opens them without a server or a network.
+"""Interactive HTML pages in which shapes can be turned.
 
-They are drawn by plotly, which is installed by the extra ``pages``.
+Any browser opens them without a server or a network. They are made with plotly, which the extra
+``pages`` installs.
 """
 
 import html
@@ -29,13 +30,13 @@ __all__ = [
     "write_matches_page",
 ]
 
-# Browsers keep some sixteen contexts of WebGL, one per shape.
+# Browsers allow about sixteen WebGL contexts, and each shape takes one.
 _MOST_PANELS = 12
-# Pixels of a panel, of which four beside each other fit a screen 1,400 wide, and around the panels,
-# for buttons and scales.
+# Size of a panel in pixels, chosen so that four fit on a screen 1,400 pixels wide, and margins for
+# buttons and scales.
 _SIZE, _COLUMNS = 320, 4
 _ABOVE, _BELOW, _RIGHT = 90, 20, 110
-# Light and camera were chosen by eye; the last two let normals of small triangles count too.
+# Light and camera were chosen by eye; the two zeros make plotly use normals of small triangles too.
 _LIGHTING = {
     "ambient": 0.45,
     "diffuse": 0.6,
@@ -45,10 +46,10 @@ _LIGHTING = {
 }
 _LIGHT = {"x": 30_000, "y": -60_000, "z": 90_000}
 _ZOOM, _DISTANCE = 2.7, 4.0
-# A scale of colours is drawn from so many of them.
+# Number of colours that approximate a colour scale.
 _N_STOPS = 33
 
-# Turning one shape turns all: the camera of the one that moved is given to the others.
+# Turning one shape turns all: the camera of the moved scene is copied to the others.
 _LINK_CAMERAS = """
 const page = document.getElementById('{plot_id}');
 const scenes = %s;
@@ -69,39 +70,51 @@ function follow(change) {
 
 
 class Page:
-    """A page in which shapes can be turned; a notebook shows it, and `save` writes it.
+    """An interactive page in which shapes can be turned.
+
+    Notebooks display it, and `save` writes it to a file.
 
     Attributes
     ----------
     html : str
-        All of it, some 5 MB.
+        The complete page, about 5 MB.
     width, height : int
-        Pixels that it takes.
+        Size of the page in pixels.
     """
 
     def __init__(self, html: str, width: int, height: int) -> None:
         self.html, self.width, self.height = html, width, height
 
     def __repr__(self) -> str:
-        """Return a line with the size."""
+        """Return one line with the size."""
         return f"Page({self.width} x {self.height} pixels, {len(self.html) / 1e6:.1f} MB)"
 
     def _repr_html_(self) -> str:
-        # In a frame, so that neither its scripts nor its styles meet those of the notebook.
+        # A frame keeps its scripts and styles apart from those of the notebook.
         return (
             f'<iframe srcdoc="{html.escape(self.html)}" width="{self.width}" '
             f'height="{self.height}" style="border:none"></iframe>'
         )
 
     def save(self, path: str | Path) -> Path:
-        """Write it into an ``.html`` file, which opens without a network.
+        """Write the page to an ``.html`` file, which opens without a network.
+
+        Parameters
+        ----------
+        path : str or Path
+            File to write.
+
+        Returns
+        -------
+        Path
+            The file.
 
         Raises
         ------
         ValueError
-            If the suffix is another.
+            If the suffix is not ``.html`` or ``.htm``.
         FileNotFoundError
-            If there is no such folder.
+            If the folder does not exist.
         """
         _check_suffix(path)
         check_folder(path).write_text(self.html, encoding="utf-8")
@@ -118,17 +131,17 @@ def functions_page(
     limits: Sequence[float] | None = None,
     camera: Camera | None = None,
 ) -> Page:
-    """Return a page with functions on shapes that can be turned; buttons choose the function.
+    """Return an interactive page of functions on shapes, with buttons to select the function.
 
     Parameters
     ----------
     meshes, functions, captions, labels, cmap, limits, camera : optional
-        As in `plot_functions`. At most twelve shapes.
+        As in `plot_functions`, for at most twelve shapes.
 
     Returns
     -------
     Page
-        What a notebook shows.
+        The page, which notebooks display.
 
     Raises
     ------
@@ -152,17 +165,17 @@ def matches_page(
     camera: Camera | None = None,
     align: bool = True,
 ) -> Page:
-    """Return a page with matched shapes that can be turned; buttons choose what is shown of them.
+    """Return an interactive page of matched shapes, with buttons to select what is shown.
 
     Parameters
     ----------
     matches, meshes, reference, show, errors, captions, camera, align : optional
-        As in `plot_matches`. At most eleven shapes beside the reference.
+        As in `plot_matches`, for at most eleven shapes beside the reference.
 
     Returns
     -------
     Page
-        What a notebook shows.
+        The page, which notebooks display.
 
     Raises
     ------
@@ -194,15 +207,14 @@ def write_functions_page(
     limits: Sequence[float] | None = None,
     camera: Camera | None = None,
 ) -> Path:
-    """Write a page with functions on shapes that can be turned; buttons choose the function.
+    """Write an interactive page of functions on shapes, with buttons to select the function.
 
     Parameters
     ----------
     path : str or Path
-        File to write, ``.html``. It holds all that it needs, some 5 MB, and opens without a
-        network.
+        The ``.html`` file to write. It is self-contained, about 5 MB, and opens without a network.
     meshes, functions, captions, labels, cmap, limits, camera : optional
-        As in `plot_functions`. At most twelve shapes.
+        As in `plot_functions`, for at most twelve shapes.
 
     Returns
     -------
@@ -214,8 +226,8 @@ def write_functions_page(
     ImportError
         If plotly is not installed.
     ValueError
-        If meshes, functions and texts do not fit each other, or if there are more than twelve
-        shapes.
+        If the numbers of meshes, functions, captions or labels do not agree, or there are more than
+        twelve shapes.
 
     Examples
     --------
@@ -247,18 +259,16 @@ def write_matches_page(
     camera: Camera | None = None,
     align: bool = True,
 ) -> Path:
-    """Write a page with matched shapes that can be turned; buttons choose what is shown of them.
+    """Write an interactive page of matched shapes, with buttons to select what is shown.
 
-    The index of a vertex, and that of the vertex of the reference that it is matched to, appear
-    under the pointer.
+    Pointing at a vertex shows its index and the index of its matched vertex on the reference.
 
     Parameters
     ----------
     path : str or Path
-        File to write, ``.html``. It holds all that it needs, some 5 MB, and opens without a
-        network.
+        The ``.html`` file to write. It is self-contained, about 5 MB, and opens without a network.
     matches, meshes, reference, show, errors, captions, camera, align : optional
-        As in `plot_matches`. At most eleven shapes beside the reference.
+        As in `plot_matches`, for at most eleven shapes beside the reference.
 
     Returns
     -------
@@ -270,7 +280,8 @@ def write_matches_page(
     ImportError
         If plotly is not installed.
     ValueError
-        If matches, meshes and reference do not fit each other, or if there are more than eleven.
+        If matches, meshes and reference do not belong together, or there are more than eleven
+        matches.
     """
     _check_suffix(path)
     page = matches_page(
@@ -288,15 +299,15 @@ def write_matches_page(
 
 def _check_suffix(path: str | Path) -> None:
     if Path(path).suffix.lower() not in (".html", ".htm"):
-        raise ValueError(f"A page is an .html file; got {str(path)!r}.")
+        raise ValueError(f"The file of a page must end in .html; got {str(path)!r}.")
 
 
 def _page(scene: Scene, targets: Sequence[IntArray | None], title: str) -> Page:
-    """Return a page of a scene; ``targets`` holds the point map of each panel, if it has one."""
+    """Return the page of a scene; ``targets`` holds the point-to-point map, if any, per panel."""
     if len(scene.panels) > _MOST_PANELS:
         raise ValueError(
-            f"A page holds at most {_MOST_PANELS} shapes, since browsers keep few WebGL contexts; "
-            f"got {len(scene.panels)}. Write several pages, or pictures."
+            f"A page can show at most {_MOST_PANELS} shapes, because browsers limit the number of "
+            f"WebGL contexts; got {len(scene.panels)}. Write several pages, or use pictures."
         )
     go = _plotly()
     layout = _layout(scene)
@@ -322,8 +333,8 @@ def _plotly() -> ModuleType:
         import plotly.graph_objects as go  # noqa: PLC0415
     except ImportError as error:
         raise ImportError(
-            "Pages with shapes to turn are drawn by plotly, which is not installed: pip install "
-            "'skfmap[pages]'. plot_functions and plot_matches draw pictures without it."
+            "Interactive pages need plotly, which is not installed: pip install 'skfmap[pages]'. "
+            "plot_functions and plot_matches draw pictures without it."
         ) from error
     return go
 
@@ -364,7 +375,7 @@ def _hexadecimal(colours: FloatArray) -> list[str]:
 
 
 def _hover(scene: Scene, panel: Panel, target: IntArray | None) -> list[str]:
-    """Return what is said of each vertex under the pointer."""
+    """Return the text shown when the pointer is on each vertex."""
     columns = [[f"vertex {v}" for v in range(panel.mesh.n_vertices)]]
     if target is not None:
         columns.append([f"vertex {v} of the reference" if v >= 0 else "no match" for v in target])
@@ -377,7 +388,7 @@ def _hover(scene: Scene, panel: Panel, target: IntArray | None) -> list[str]:
 
 
 def _layout(scene: Scene) -> dict[str, Any]:
-    """Return the layout: panels and captions, one camera, and a button for each row."""
+    """Return the layout: panels with captions, a common camera, and a button for each row."""
     n_columns = min(_COLUMNS, len(scene.panels))
     n_rows = -(-len(scene.panels) // n_columns)
     layout: dict[str, Any] = {
@@ -404,7 +415,7 @@ def _layout(scene: Scene) -> dict[str, Any]:
 
 
 def _view(scene: Scene) -> dict[str, Any]:
-    """Return camera and axes, the same for all panels."""
+    """Return the camera and the axes, which all panels share."""
     reach = max(float(np.abs(panel.points).max()) for panel in scene.panels)
     axis = {"visible": False, "range": [-reach, reach]}
     return {
@@ -414,7 +425,7 @@ def _view(scene: Scene) -> dict[str, Any]:
         "camera": {
             "eye": dict(zip("xyz", (_DISTANCE * scene.camera.position()).tolist(), strict=True)),
             "up": {"x": 0, "y": 0, "z": 1},
-            # Plotly does not light what it sees orthographically.
+            # Plotly does not apply lighting in orthographic projection.
             "projection": {"type": "perspective"},
         },
     }
@@ -427,7 +438,7 @@ def _caption(panel: Panel, x: float, y: float) -> dict[str, Any]:
 
 
 def _scale_bar(go: ModuleType, scale: Scale | None, label: str, *, visible: bool) -> Any:
-    """Return an empty trace that shows a scale of colours."""
+    """Return an empty trace that shows a colour scale."""
     if scale is None:
         return go.Scatter(x=[None], y=[None], visible=visible, hoverinfo="skip")
     stops = np.linspace(0, 1, _N_STOPS)
@@ -450,7 +461,7 @@ def _scale_bar(go: ModuleType, scale: Scale | None, label: str, *, visible: bool
 
 
 def _buttons(scene: Scene) -> dict[str, Any]:
-    """Return a button for each row, which colours all shapes and shows the row's scale."""
+    """Return one button per row, which colours all shapes and shows the scale of the row."""
     n_panels, n_rows = len(scene.panels), len(scene.labels)
     buttons = []
     for row, label in enumerate(scene.labels):

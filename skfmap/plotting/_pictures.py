@@ -23,10 +23,11 @@ if TYPE_CHECKING:
 
 __all__ = ["draw_scene", "plot_function", "plot_functions", "plot_matches"]
 
-# Chosen by eye: inches across a panel, dots per inch of files, and heights of panels in widths.
+# Chosen by eye: width of a panel in inches, dots per inch of files, and the range of the ratio of
+# height to width of a panel.
 _WIDTH, _DPI = 2.6, 150
 _FLATTEST, _TALLEST = 0.4, 1.6
-# Half of the largest shape, and a little room around it.
+# Half the extent of a panel, as a multiple of the extent of the largest shape, with some margin.
 _REACH = 0.52
 
 
@@ -43,35 +44,36 @@ def plot_function(
 
     Parameters
     ----------
-    mesh : mesh
-        What to draw: whatever a mesh may be, a path included.
+    mesh : Mesh, trimesh.Trimesh, (vertices, faces) or path
+        Mesh to draw.
     values : array-like of shape (n_vertices,) or (n_vertices, 3)
-        Function on the vertices, or their colours in [0, 1]. Masked and undefined values are grey,
-        so that what `Match.transfer` returns can be drawn.
+        Values of the function at the vertices, or their colours in [0, 1]. Masked and undefined
+        values, such as those returned by `Match.transfer`, are grey.
     ax : matplotlib Axes, optional
-        Where to draw; a new figure by default.
+        Axes to draw on; those of a new figure by default.
     cmap : str, optional
-        Colour map of matplotlib; by default a diverging one about zero where the function has both
-        signs, and a sequential one elsewhere. Both are perceptually uniform and safe for the
-        colour-blind.
+        Name of a matplotlib colour map. The default diverges about zero if the function has both
+        signs; otherwise it is sequential. Both defaults are perceptually uniform and safe for
+        colour vision deficiency.
     limits : (float, float), optional
-        Values at the ends of the colour map; those of the function by default.
+        Values at the ends of the colour map; by default the range of the function, which is
+        symmetric about zero if the function has both signs.
     camera : Camera, optional
-        Where the picture is taken from.
+        Direction of view.
 
     Returns
     -------
     matplotlib Axes
-        The axes drawn on.
+        The axes with the picture.
 
     Raises
     ------
     ValueError
-        If there is not one value, or one colour, for each vertex.
+        If ``values`` does not have one value or one colour for each vertex.
 
     See Also
     --------
-    plot_functions : Several, side by side.
+    plot_functions : Draw several functions side by side.
 
     Examples
     --------
@@ -103,23 +105,23 @@ def plot_functions(
     camera: Camera | None = None,
     path: str | Path | None = None,
 ) -> "Figure":
-    """Draw functions on several meshes side by side, seen by one camera, at one scale.
+    """Draw functions on several meshes side by side, at the same scale and with the same camera.
 
     Parameters
     ----------
     meshes : sequence of meshes
-        One column each. The same mesh may stand several times.
+        Meshes to draw, one column each. A mesh may occur several times.
     functions : sequence of arrays of shape (n_vertices_i,) or (n_vertices_i, n_functions)
-        For each mesh, the function or functions on it; one row each, which shares a scale of
-        colours.
+        For each mesh, one or more functions on it. Each function is a row of the picture, with a
+        common colour scale.
     captions : sequence of str, optional
-        Above each mesh; names by default.
+        Text above each mesh; the names of the meshes by default.
     labels : sequence of str, optional
-        What each function is, beside its scale.
+        Description of each function, shown beside its colour scale.
     cmap, limits, camera : optional
         As in `plot_function`, for all rows.
     path : str or Path, optional
-        Where to save the picture; the suffix chooses the format.
+        File to save the picture to; the suffix selects the format.
 
     Returns
     -------
@@ -129,11 +131,11 @@ def plot_functions(
     Raises
     ------
     ValueError
-        If meshes, functions and texts do not fit each other.
+        If the numbers of meshes, functions, captions or labels do not agree.
 
     See Also
     --------
-    write_functions_page : The same as a page to turn the shapes in.
+    write_functions_page : Write the same as an interactive page.
 
     Examples
     --------
@@ -162,33 +164,33 @@ def plot_matches(
     align: bool = True,
     path: str | Path | None = None,
 ) -> "Figure":
-    """Draw matches as colours carried from the reference, and below how far to trust them.
+    """Draw matches as colours carried over from the reference, with their expected errors.
 
-    Each vertex of a shape has the colour of the vertex of the reference that it is matched to.
+    Each vertex of a shape has the colour of its matched vertex on the reference.
 
     Parameters
     ----------
     matches : sequence of Match
-        From `skfmap.match`.
+        Matches returned by `skfmap.match`.
     meshes : sequence of meshes, optional
-        The matched shapes: whatever a mesh may be, paths included; those that the matches know by
-        default.
+        Meshes or paths of the matched shapes; by default the given meshes stored in the matches.
     reference : mesh, optional
-        The reference, whose colours tell where on it a vertex is; that of the matches by default.
+        Mesh or path of the reference, which is coloured by position; by default the one stored in
+        the matches.
     show : sequence of {"match", "expected error", "confidence", "true error"}, optional
-        The rows; by default the match, and its expected error if it has one.
+        Rows of the picture; by default the match and, if known, its expected error.
     errors : sequence of PairErrors, optional
-        From `skfmap.WeightedFunctionalMapLearner.pair_errors`, if the correspondences are known: a
-        row of true errors is added, grey where nothing is known.
+        True errors, from `skfmap.WeightedFunctionalMapLearner.pair_errors`. They are drawn in a row
+        of their own, grey at vertices whose error is not known.
     captions : sequence of str, optional
-        One per match, below its name.
+        Text below the name of each match.
     camera : Camera, optional
-        Where the picture is taken from; one camera for all.
+        Direction of view, the same for all shapes.
     align : bool, default=True
-        Whether shapes are turned about the vertical to face as the reference does, as far as the
-        match tells.
+        Whether to turn shapes about the vertical axis so that they face as the reference does,
+        judged by the match.
     path : str or Path, optional
-        Where to save the picture; the suffix chooses the format.
+        File to save the picture to; the suffix selects the format.
 
     Returns
     -------
@@ -198,11 +200,11 @@ def plot_matches(
     Raises
     ------
     ValueError
-        If matches, meshes and reference do not fit each other.
+        If matches, meshes and reference do not belong together.
 
     See Also
     --------
-    write_matches_page : The same as a page to turn the shapes in.
+    write_matches_page : Write the same as an interactive page.
     """
     scene = scene_of_matches(
         matches,
@@ -219,7 +221,10 @@ def plot_matches(
 
 
 def draw_scene(scene: Scene, make: Callable[..., "Figure"] | None = None) -> "Figure":
-    """Return a figure of a scene, all panels at one scale; ``make`` makes it, by default pyplot."""
+    """Return a figure of a scene with all panels at the same scale.
+
+    ``make`` creates the figure; by default it is ``pyplot.figure``.
+    """
     if make is None:
         from matplotlib import pyplot as plt  # noqa: PLC0415
 
@@ -230,7 +235,7 @@ def draw_scene(scene: Scene, make: Callable[..., "Figure"] | None = None) -> "Fi
     reach = _REACH * np.max([np.ptp(points[:, :2], axis=0) for points in seen], axis=0)
     height = _WIDTH * float(np.clip(reach[1] / reach[0], _FLATTEST, _TALLEST))
     figure = make(figsize=(_WIDTH * n_columns + 0.9, height * n_rows + 0.4), layout="constrained")
-    # Ticks would not be seen, but each would be laid out.
+    # Ticks are invisible here, but would slow down the layout.
     axes = figure.subplots(
         n_rows, n_columns, squeeze=False, subplot_kw={"xticks": [], "yticks": []}
     )

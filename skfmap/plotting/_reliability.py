@@ -1,4 +1,4 @@
-"""Whether expected errors can be believed."""
+"""Comparison of expected errors with true errors."""
 
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any, Self
@@ -20,26 +20,32 @@ if TYPE_CHECKING:
 
 __all__ = ["ReliabilityDisplay"]
 
-# What the axes hold where all errors are zero: any length that is positive and far below an edge.
+# Upper limit of the axes if all errors are zero: any positive length far below that of an edge.
 _NARROWEST = 1e-3
 
 
 class ReliabilityDisplay:
-    """Expected errors against true ones: on the diagonal where the expectation is right.
+    """Plot of true errors against expected errors; good expectations lie on the diagonal.
+
+    Vertices are sorted by expected error and divided into bins of equal size. Each point is the
+    mean of a bin; the shaded band contains the middle half of the true errors in each bin.
 
     Parameters
     ----------
     expected, errors : array-like of shape (n,)
-        Expected and true errors of vertices of shapes that the model has not seen. Vertices that
-        lack either (NaN) are left out.
+        Expected and true errors at vertices of shapes that the model was not trained on. Vertices
+        at which either is NaN are left out.
     name : str, optional
-        What the curve is called in the legend.
+        Name of the curve in the legend.
 
     Attributes
     ----------
-    ax_, figure_, line_ : matplotlib Axes, Figure, Line2D
-        What was drawn. Each point is the mean true error of a bin of equally many vertices, by
-        expected error; the band holds the middle half of each bin.
+    ax_ : matplotlib Axes
+        Axes with the curve.
+    figure_ : matplotlib Figure
+        Figure that contains the axes.
+    line_ : matplotlib Line2D
+        The curve.
 
     Examples
     --------
@@ -68,27 +74,34 @@ class ReliabilityDisplay:
         ax: "Axes | None" = None,
         **kwargs: Any,
     ) -> Self:
-        """Match shapes of known correspondence, and draw expected against true errors.
+        """Match shapes with known correspondences and draw true against expected errors.
 
         Parameters
         ----------
         model : WeightedFunctionalMapLearner, Pipeline or fitted search
-            The model.
-        X, y : sequence, sequence of correspondences
-            Shapes that it was not trained on, and where they lie on the template.
+            Fitted model.
+        X : sequence of shapes
+            Shapes that the model was not trained on.
+        y : sequence of correspondences
+            Correspondence of each shape with the template.
         refine : optional
             As in `skfmap.match`.
         name : str, optional
-            In the legend.
+            Name of the curve in the legend.
         ax : matplotlib Axes, optional
-            Where to draw; a new figure by default.
+            Axes to draw on; those of a new figure by default.
         **kwargs : dict
-            Of `plot`.
+            Arguments of `plot`.
 
         Returns
         -------
         ReliabilityDisplay
-            What was drawn.
+            The display.
+
+        Raises
+        ------
+        ValueError
+            If the model was fitted with ``confidence=None``.
         """
         learner, shapes = learner_and_shapes(model, X)
         matches = learner.match(shapes, refine=refine)
@@ -114,65 +127,65 @@ class ReliabilityDisplay:
         ax: "Axes | None" = None,
         **kwargs: Any,
     ) -> Self:
-        """Draw expected against true errors.
+        """Draw true against expected errors.
 
         Parameters
         ----------
         expected, errors : array-like of shape (n,)
-            Of the same vertices.
+            Expected and true errors at the same vertices.
         name, ax, **kwargs : optional
             As in `from_estimator`.
 
         Returns
         -------
         ReliabilityDisplay
-            What was drawn.
+            The display.
 
         Raises
         ------
         ValueError
-            If the two have unequal lengths or fewer entries than bins.
+            If the two have different lengths or fewer entries than bins.
         """
         return cls(expected, errors, name=name).plot(ax, **kwargs)
 
     def plot(
         self, ax: "Axes | None" = None, *, name: str | None = None, n_bins: int = 10, **kwargs: Any
     ) -> Self:
-        """Draw the bins; several displays may share axes.
+        """Draw the curve; several curves can share axes.
 
         Parameters
         ----------
         ax : matplotlib Axes, optional
-            Where to draw; a new figure by default.
+            Axes to draw on; those of a new figure by default.
         name : str, optional
-            In the legend.
+            Name of the curve in the legend.
         n_bins : int, default=10
-            Bins of equally many vertices, by expected error; a single one if all expect the same.
+            Number of bins. If all expected errors are equal, there is only one bin.
         **kwargs : dict
-            Of the line.
+            Properties of the line, passed to matplotlib.
 
         Returns
         -------
         ReliabilityDisplay
-            Itself.
+            The display itself.
 
         Raises
         ------
         ValueError
-            If expected and true errors have unequal lengths or fewer known entries than bins.
+            If expected and true errors have different lengths or fewer known entries than bins.
         """
         check_number(n_bins, "n_bins", low=1, integer=True)
         x, y = (np.asarray(values, dtype=np.float64) for values in (self.expected, self.errors))
         if x.shape != y.shape or x.ndim != 1 or len(x) < n_bins:
             raise ValueError(
-                f"expected and errors must be 1-D, equally long, and {n_bins} at least; got "
-                f"{x.shape}, {y.shape}."
+                "expected and errors must be one-dimensional, of the same length, with at least "
+                f"{n_bins} entries; got shapes {x.shape} and {y.shape}."
             )
         known = np.isfinite(x) & np.isfinite(y)
         if known.sum() < n_bins:
             raise ValueError(
-                f"expected and errors are both known at {known.sum()} vertices only; {n_bins} are "
-                "needed."
+                f"expected and errors are both known at only {known.sum()} vertices, but {n_bins} "
+                "bins need at least as many. Lower n_bins, or give more vertices."
             )
         x, y = x[known], y[known]
         ax = axes_or_new(ax)
@@ -202,7 +215,7 @@ class ReliabilityDisplay:
 def _binned(
     x: FloatArray, y: FloatArray, n_bins: int
 ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-    """Return mean expected and true errors of equal bins, and the quartiles of the true ones."""
+    """Return mean expected and true errors per bin, and the quartiles of the true errors."""
     parts = np.array_split(np.argsort(x, kind="stable"), 1 if is_constant(x) else n_bins)
     middle, mean = (np.array([values[part].mean() for part in parts]) for values in (x, y))
     low, high = (np.array([np.quantile(y[part], q) for part in parts]) for q in (0.25, 0.75))

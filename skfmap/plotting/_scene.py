@@ -1,4 +1,4 @@
-"""What a picture of shapes shows: panels side by side, each coloured in several ways."""
+"""Contents of a picture of shapes: panels side by side, each coloured in several ways."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -26,26 +26,26 @@ __all__ = ["Panel", "Scene", "check_values", "scene_of_functions", "scene_of_mat
 
 SHOWN = ("match", "expected error", "confidence", "true error")
 
-# Errors have a scale up to this at least, in sqrt(area), an edge or two of a mesh of a few thousand
-# vertices: a match without errors must not look as if it had some.
+# Smallest upper end of the colour scale of errors, in sqrt(area): an edge or two of a mesh of a few
+# thousand vertices. It keeps tiny errors from looking large.
 _SHORTEST_SCALE = 0.02
 
 
 @dataclass(frozen=True, eq=False)
 class Panel:
-    """One shape.
+    """One shape of a scene.
 
     Attributes
     ----------
     mesh : Mesh
-        What is drawn.
+        Mesh to draw.
     points : ndarray of shape (n_vertices, 3)
-        Its vertices, z up, centred, in units of sqrt(area).
+        Vertices with z up, centred, in units of sqrt(area).
     caption : str
-        What stands above it.
+        Text above the shape.
     values : tuple
         For each row of the scene: values of shape (n_vertices,), colours of shape (n_vertices, 3),
-        or None for nothing.
+        or None to draw nothing.
     """
 
     mesh: Mesh
@@ -56,18 +56,18 @@ class Panel:
 
 @dataclass(frozen=True, eq=False)
 class Scene:
-    """Shapes in columns, ways to colour them in rows, one camera for all.
+    """Shapes in columns and their colourings in rows, with a common camera.
 
     Attributes
     ----------
     panels : tuple of Panel
         The columns.
     scales : tuple of (Scale or None)
-        For each row, how values become colours; None where the panels hold colours.
+        Colour scale of each row; None if the panels hold colours.
     labels : tuple of str
-        What each row shows.
+        Description of each row.
     camera : Camera
-        Where the picture is taken from.
+        Direction of view.
     """
 
     panels: tuple[Panel, ...]
@@ -76,20 +76,20 @@ class Scene:
     camera: Camera
 
     def colours(self, panel: Panel, row: int) -> FloatArray | None:
-        """Return the colours of a panel in a row, or None where it shows nothing."""
+        """Return the colours of a panel in a row, or None if it is empty there."""
         values, scale = panel.values[row], self.scales[row]
         return values if values is None or scale is None else scale.colours(values)
 
 
 def check_values(values: object, mesh: Mesh, who: str = "values") -> Any:
-    """Return a function on the vertices of a mesh, or their colours; anything else is an error."""
+    """Return values or colours at the vertices of a mesh; raise an error for anything else."""
     given: Any = np.ma.asarray(values)
     if (
         given.shape not in ((mesh.n_vertices,), (mesh.n_vertices, 3))
         or given.dtype.kind not in "biuf"
     ):
         raise ValueError(
-            f"{who} must hold a number, or three for a colour, for each of the {mesh.n_vertices} "
+            f"{who} must hold one number, or three for a colour, for each of the {mesh.n_vertices} "
             f"vertices of {label(mesh.name)}; got {given.dtype} of shape {given.shape}."
         )
     return given
@@ -105,21 +105,22 @@ def scene_of_functions(
     limits: Sequence[float] | None,
     camera: Camera | None,
 ) -> Scene:
-    """Return a column for each mesh and a row for each function.
+    """Return a scene with a column for each mesh and a row for each function.
 
-    Each row has a scale of its own unless limits are given.
+    Each row has its own scale unless limits are given.
     """
     shapes, camera = as_meshes(meshes), check_camera(camera)
     if len(functions) != len(shapes):
         raise ValueError(
-            f"Give the functions of each mesh; got {len(shapes)} meshes and {len(functions)} "
-            "functions."
+            f"Give the functions of each mesh; got {len(shapes)} meshes and functions for "
+            f"{len(functions)}."
         )
     columns = [_columns(values, mesh) for values, mesh in zip(functions, shapes, strict=True)]
     n_rows = len(columns[0])
     if any(len(column) != n_rows for column in columns):
         raise ValueError(
-            f"Each mesh must have as many functions; got {[len(column) for column in columns]}."
+            "All meshes must have the same number of functions; got "
+            f"{[len(column) for column in columns]}."
         )
     _check_length(captions, len(shapes), "captions", "mesh")
     _check_length(labels, n_rows, "labels", "function")
@@ -137,12 +138,13 @@ def scene_of_functions(
 
 
 def _columns(values: ArrayLike, mesh: Mesh) -> tuple[Any, ...]:
-    """Return the functions of one mesh, as a tuple, from one of them or the columns of a matrix."""
+    """Return the functions of one mesh, given as one function or as the columns of a matrix."""
     given: Array = np.ma.asarray(values)
     columns = list(given.T) if given.ndim == 2 else [given]
     if not columns:
         raise ValueError(
-            f"There is no function on {label(mesh.name)}; got an array of shape {given.shape}."
+            f"There is no function to draw on {label(mesh.name)}; got an array of shape "
+            f"{given.shape}."
         )
     return tuple(check_values(column, mesh, "functions") for column in columns)
 
@@ -159,19 +161,20 @@ def scene_of_matches(
     camera: Camera | None,
     align: bool,
 ) -> Scene:
-    """Return a column for the reference and for each shape, and a row for all that is shown."""
+    """Return a scene with a column for the reference and each shape, and a row per item shown."""
     if isinstance(matches, Match):
-        raise TypeError("matches must be a list of them: [match].")
+        raise TypeError("matches must be a list; wrap a single match in one: [match].")
     if meshes is None:
         meshes = [match.mesh for match in matches]
     if reference is None and matches:
         reference = _reference_of(matches)
     if len(matches) != len(meshes) or not matches:
         raise ValueError(
-            f"Give one mesh per match, and at least one; got {len(meshes)} and {len(matches)}."
+            f"Give at least one match, and one mesh per match; got {len(meshes)} meshes and "
+            f"{len(matches)} matches."
         )
     _check_length(captions, len(matches), "captions", "match")
-    if show is None:  # all that is usual, as far as the matches have it
+    if show is None:  # the usual rows, if the matches have them
         assessed = all(match.expected_error is not None for match in matches)
         show = usual if assessed else ("match",)
     show = _check_shown(show, errors, len(matches))
@@ -199,10 +202,10 @@ def scene_of_matches(
             raise ValueError(
                 f"The match of {match.name or mesh.name or f'shape {i}'} has no {missing[0]}: the "
                 "learner was fitted with confidence=None. Fit it with confidence='cross-fit', or "
-                "leave that out of show."
+                f"leave {missing[0]!r} out of show."
             )
         panels.append(Panel(mesh, points, caption, tuple(values[what] for what in show)))
-    # Expected and true errors share a scale, which ends at the largest that is shown.
+    # Expected and true errors share a scale, which ends at the largest error shown.
     in_errors = [row for row, what in enumerate(show) if what in ("expected error", "true error")]
     shown = [panel.values[row] for panel in panels[1:] for row in in_errors]
     largest = [float(np.nanmax(one)) for one in shown if not np.isnan(one).all()]
@@ -217,11 +220,11 @@ def scene_of_matches(
 
 
 def _reference_of(matches: Sequence[Match]) -> Mesh:
-    """Return the reference that all matches are to."""
+    """Return the common reference of all matches."""
     if len({match.reference_hash for match in matches}) > 1:
         raise ValueError(
-            "The matches are to several references; draw those of one model at a time, or give "
-            "their meshes and the reference."
+            "The matches have different references. Draw the matches of one model at a time, or "
+            "give their meshes and the reference."
         )
     return matches[0].reference_mesh
 
@@ -229,24 +232,24 @@ def _reference_of(matches: Sequence[Match]) -> Mesh:
 def _check_shown(
     show: Sequence[str], errors: Sequence[PairErrors] | None, n_matches: int
 ) -> tuple[str, ...]:
-    """Return the rows, true errors last if they are given."""
+    """Return the rows to show, with true errors added at the end if they are given."""
     if isinstance(show, str) or not len(show):
-        raise ValueError(f"show must hold one at least of {SHOWN}; got {show!r}.")
+        raise ValueError(f"show must be a list of at least one of {SHOWN}; got {show!r}.")
     for what in show:
         check_choice(what, "show", SHOWN)
     if errors is None and "true error" in show:
         raise ValueError(
-            "true errors are shown if errors are given: those of the learner's pair_errors."
+            "To show true errors, give errors: the result of the learner's pair_errors."
         )
     if errors is not None and len(errors) != n_matches:
         raise ValueError(
-            f"Give the errors of each match; got {len(errors)} errors and {n_matches} matches."
+            f"Give the errors of each match; got errors of {len(errors)} and {n_matches} matches."
         )
     return tuple(show) if errors is None or "true error" in show else (*show, "true error")
 
 
 def _at_vertices(errors: PairErrors, n_vertices: int) -> FloatArray:
-    """Return the mean error at each vertex, NaN where none is known."""
+    """Return the mean error at each vertex; NaN where no error is known."""
     n_known = np.bincount(errors.vertices, minlength=n_vertices)
     sums = np.bincount(errors.vertices, errors.direct, minlength=n_vertices)
     return np.where(n_known > 0, sums / np.maximum(n_known, 1), np.nan)
@@ -266,12 +269,12 @@ def _check_match(match: Match, mesh: Mesh, reference: Mesh) -> None:
 def _check_length(given: Sequence[str] | None, expected: int, name: str, what: str) -> None:
     if given is not None and (isinstance(given, str) or len(given) != expected):
         raise ValueError(
-            f"{name} must hold a text for each {what}, {expected} of them; got {given!r}."
+            f"{name} must be a list of {expected} strings, one per {what}; got {given!r}."
         )
 
 
 def _upright(mesh: Mesh, up: str) -> FloatArray:
-    """Return vertices with z up, the middle of their bounding box at the origin, at unit area."""
+    """Return vertices with z up, scaled to unit area, with the bounding box centred at 0."""
     if not mesh.area > 0:
         raise ValueError(f"{label(mesh.name)} has no area; there is nothing to draw.")
     points = turn_upright(mesh.vertices, up) / np.sqrt(mesh.area)
@@ -279,7 +282,7 @@ def _upright(mesh: Mesh, up: str) -> FloatArray:
 
 
 def _turned_like(points: FloatArray, known: BoolArray, targets: FloatArray) -> FloatArray:
-    """Return points turned about the vertical, so that known ones come nearest to their targets."""
+    """Return points turned about the vertical so that known ones best fit their targets."""
     if len(targets) == 0:
         return points
     flat, goal = (p[:, :2] - p[:, :2].mean(axis=0) for p in (points[known], targets))

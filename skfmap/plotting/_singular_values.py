@@ -1,4 +1,4 @@
-"""How much of the function space is mapped well (figure 3, right)."""
+"""Singular values of the error of functional maps (figure 3, right)."""
 
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any, Self
@@ -20,26 +20,30 @@ __all__ = ["SingularValuesDisplay"]
 
 
 class SingularValuesDisplay:
-    """Share of the singular values of X(D) - C that are below a threshold.
+    """Plot of the percentage of singular values of X(D) - C that are below a threshold.
 
-    A perfect functional map has all of them at 0.
+    All singular values of a perfect functional map are 0.
 
     Parameters
     ----------
     singular_values : array-like of shape (n_shapes, k)
-        Of the difference between each functional map and the known one.
+        Singular values of the difference between each functional map and the known map.
     name : str, optional
-        What the curve is called in the legend.
+        Name of the curve in the legend.
 
     Attributes
     ----------
-    ax_, figure_, line_ : matplotlib Axes, Figure, Line2D
-        What was drawn.
+    ax_ : matplotlib Axes
+        Axes with the curve.
+    figure_ : matplotlib Figure
+        Figure that contains the axes.
+    line_ : matplotlib Line2D
+        The curve.
 
     See Also
     --------
-    BasisErrorDisplay : Which functions are mapped well.
-    skfmap.metrics.singular_value_profile : The same numbers.
+    BasisErrorDisplay : Show which functions are mapped well.
+    skfmap.metrics.singular_value_profile : Compute the curve without drawing it.
 
     Examples
     --------
@@ -65,25 +69,27 @@ class SingularValuesDisplay:
         ax: "Axes | None" = None,
         **kwargs: Any,
     ) -> Self:
-        """Draw how well a fitted model maps shapes of known correspondence.
+        """Draw the singular values for a fitted model and shapes with known correspondences.
 
         Parameters
         ----------
         model : WeightedFunctionalMapLearner, Pipeline or fitted search
-            The model.
-        X, y : sequence, sequence of correspondences
-            Shapes that it was not trained on, and where they lie on the template.
+            Fitted model.
+        X : sequence of shapes
+            Shapes that the model was not trained on.
+        y : sequence of correspondences
+            Correspondence of each shape with the template.
         name : str, optional
-            In the legend.
+            Name of the curve in the legend.
         ax : matplotlib Axes, optional
-            Where to draw; a new figure by default.
+            Axes to draw on; those of a new figure by default.
         **kwargs : dict
-            Of the line.
+            Properties of the line, passed to matplotlib.
 
         Returns
         -------
         SingularValuesDisplay
-            What was drawn.
+            The display.
         """
         learner, shapes = learner_and_shapes(model, X)
         maps, known = learner.functional_maps(shapes), learner.ground_truth_maps(shapes, y)
@@ -99,7 +105,7 @@ class SingularValuesDisplay:
         ax: "Axes | None" = None,
         **kwargs: Any,
     ) -> Self:
-        """Draw how far functional maps are from known ones.
+        """Draw the singular values for functional maps and the known maps.
 
         Parameters
         ----------
@@ -111,31 +117,35 @@ class SingularValuesDisplay:
         Returns
         -------
         SingularValuesDisplay
-            What was drawn.
+            The display.
         """
         difference = of_known_shapes(np.asarray(maps) - np.asarray(known_maps))
         values = np.linalg.svd(difference, compute_uv=False)
         return cls(np.atleast_2d(values), name=name).plot(ax, **kwargs)
 
     def plot(self, ax: "Axes | None" = None, *, name: str | None = None, **kwargs: Any) -> Self:
-        """Draw the curve, up to 98 % of the values or 1; several may share axes.
+        """Draw the curve; several curves can share axes.
 
         Parameters
         ----------
         ax : matplotlib Axes, optional
-            Where to draw; a new figure by default.
+            Axes to draw on; those of a new figure by default.
         name : str, optional
-            In the legend.
+            Name of the curve in the legend.
         **kwargs : dict
-            Of the line.
+            Properties of the line, passed to matplotlib.
 
         Returns
         -------
         SingularValuesDisplay
-            Itself.
+            The display itself.
+
+        Notes
+        -----
+        The curve ends at the 98th percentile of the singular values, or at 1 if that is larger.
         """
         values: FloatArray = np.sort(np.ravel(self.singular_values))
-        # The few largest values would squeeze all others into a corner.
+        # A few very large values would otherwise compress the rest of the curve.
         thresholds = np.linspace(0, max(1.0, float(np.quantile(values, 0.98))), 200)
         ax = axes_or_new(ax)
         (self.line_,) = ax.plot(

@@ -20,25 +20,29 @@ __all__ = ["WeightsDisplay"]
 
 
 class WeightsDisplay:
-    """Weights of the probe functions, the diagonal of D, grouped by category.
+    """Plot of the weights of the probe functions, grouped by category.
 
     Parameters
     ----------
     weights : ndarray of shape (m,)
         Diagonal of D.
     probe_categories : sequence of str
-        Category of each probe.
+        Category of each probe function.
     name : str, optional
-        What the weights are called in the legend.
+        Name of the weights in the legend.
 
     Attributes
     ----------
-    ax_, figure_, line_ : matplotlib Axes, Figure, Line2D
-        What was drawn.
+    ax_ : matplotlib Axes
+        Axes with the weights.
+    figure_ : matplotlib Figure
+        Figure that contains the axes.
+    line_ : matplotlib Line2D
+        The line through the weights.
 
     See Also
     --------
-    SingularValuesDisplay : What the weights do for the map of an unseen shape.
+    SingularValuesDisplay : Show the effect of the weights on the map of an unseen shape.
 
     Examples
     --------
@@ -69,45 +73,50 @@ class WeightsDisplay:
         Parameters
         ----------
         model : WeightedFunctionalMapLearner, Pipeline or fitted search
-            The model.
+            Fitted model.
         name : str, optional
-            In the legend; the weighting by default.
+            Name of the weights in the legend; the parameter ``weighting`` by default.
         ax : matplotlib Axes, optional
-            Where to draw; a new figure by default.
+            Axes to draw on; those of a new figure by default.
         **kwargs : dict
-            Of the line.
+            Properties of the line, passed to matplotlib.
 
         Returns
         -------
         WeightsDisplay
-            What was drawn.
+            The display.
         """
         learner = fitted_learner(model)
         name = _name_of(learner) if name is None else name
         return cls(learner.weights_, list(learner.probe_categories_), name=name).plot(ax, **kwargs)
 
     def plot(self, ax: "Axes | None" = None, *, name: str | None = None, **kwargs: Any) -> Self:
-        """Draw the weights; several may share axes.
+        """Draw the weights; several displays can share axes.
 
         Parameters
         ----------
         ax : matplotlib Axes, optional
-            Where to draw; a new figure by default.
+            Axes to draw on; those of a new figure by default.
         name : str, optional
-            In the legend.
+            Name of the weights in the legend.
         **kwargs : dict
-            Of the line.
+            Properties of the line, passed to matplotlib.
 
         Returns
         -------
         WeightsDisplay
-            Itself.
+            The display itself.
+
+        Raises
+        ------
+        ValueError
+            If there is not one weight for each probe function.
         """
         weights: FloatArray = np.asarray(self.weights, dtype=np.float64)
         if weights.shape != (len(self.probe_categories),):
             raise ValueError(
-                f"weights must hold a number for each of the {len(self.probe_categories)} probes; "
-                f"got {weights.shape}."
+                "weights must hold one number for each of the "
+                f"{len(self.probe_categories)} probe functions; got shape {weights.shape}."
             )
         ax = axes_or_new(ax)
         fresh = not ax.lines
@@ -127,7 +136,7 @@ class WeightsDisplay:
         return self
 
     def _mark_categories(self, ax: "Axes") -> None:
-        """Shade every other category, and write its name below."""
+        """Shade every other category, and write the name of each below the axis."""
         start, middles, names = 0, [], []
         for i, (category, members) in enumerate(groupby(self.probe_categories)):
             end = start + len(list(members))

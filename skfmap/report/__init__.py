@@ -1,4 +1,4 @@
-"""Pages that say at a glance whether a trained model can be trusted."""
+"""Reports that show at a glance whether a trained model can be trusted."""
 
 from skfmap.report._evaluation import Evaluation, evaluate, thin_out
 from skfmap.report._landmark_errors import LandmarkEvaluation, evaluate_landmarks

@@ -1,4 +1,4 @@
-"""Errors of a model on shapes that were left out of its training in turn, on one reference."""
+"""Cross-validated matches of the training shapes, all on one reference."""
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
@@ -23,11 +23,11 @@ from skfmap.shapes import Correspondence, Match, Mesh, ProbedShape, SkippedShape
 __all__ = ["Evaluation", "evaluate", "folds_of", "index_of_reference", "thin_out", "trained"]
 
 Learner: TypeAlias = WeightedFunctionalMapLearner | BridgedLearner
-# What scikit-learn takes for cv.
+# Values that scikit-learn accepts for cv.
 CrossValidation: TypeAlias = int | BaseCrossValidator | Iterable[tuple[IntArray, IntArray]]
 
-# Errors are averaged over at most so many template points: all of a full-resolution mesh would need
-# gigabytes of distances, and the mean of these is known to 1.4 % of the spread of errors.
+# Largest number of template points that errors are averaged over. All points of a full-resolution
+# mesh would need gigabytes of distances; the standard error with 5,000 is 1.4 % of the spread.
 _MOST_POINTS = 5000
 
 
@@ -38,13 +38,14 @@ class Evaluation:
     Attributes
     ----------
     meshes : list of Mesh
-        The shapes, without the reference: their working meshes, to whose vertices all else refers.
+        Working meshes of the shapes, without the reference. Matches and errors refer to their
+        vertices.
     matches : list of Match
-        From each to the reference.
+        Match of each shape to the reference.
     errors : list of PairErrors
-        Of the matches.
+        Errors of the matches.
     naive_errors : list of PairErrors
-        Of the same model without weights (D = I); empty if not asked for.
+        Errors of the same model without weights (D = I); empty if not requested.
     """
 
     meshes: list[Mesh]
@@ -63,40 +64,43 @@ def evaluate(
     naive: bool = True,
     verbose: int = 0,
 ) -> Evaluation:
-    """Leave shapes out in turn, train a model on the rest, and match those left out.
+    """Cross-validate a model: train it without some of the shapes, and match those.
 
-    The parameters are those of the model. Bases and probes are computed once, by its own
-    transformers. The reference is that of the model, in every fold.
+    All folds use the parameters and the reference of the model. Bases and probes are computed once,
+    by the transformers of the model.
 
     Parameters
     ----------
     model : WeightedFunctionalMapLearner, Pipeline or fitted search
-        A fitted model.
-    X, y : sequence, sequence of correspondences
-        What it was fitted on, the reference among them.
+        Fitted model.
+    X : sequence of shapes
+        Shapes that the model was fitted on, including the reference.
+    y : sequence of correspondences
+        Correspondence of each shape with the template.
     cv : int, cross-validation generator or iterable, default=5
-        Splits the shapes without the reference; see `skfmap.model_selection.PinnedReference`.
+        How to split the shapes, without the reference; see
+        `skfmap.model_selection.PinnedReference`.
     y_scored : sequence of correspondences, optional
-        What is scored, if not ``y``: with sparse landmarks, those that were not learned from.
+        Correspondences to score the matches with; ``y`` by default. With sparse landmarks, give
+        those that were not learned from.
     naive : bool, default=True
-        Whether the same is done without weights, to compare with.
+        Whether to also evaluate the model without weights, for comparison.
     verbose : int, default=0
-        1 tells each fold.
+        If 1, report each fold.
 
     Returns
     -------
     Evaluation
-        One entry for each shape but the reference, in the order of ``X``; shapes that the steps
-        before the learner skipped are left out, and so are those whose correspondence does not fit
-        if the learner skips them.
+        One entry for each shape except the reference, in the order of ``X``. Shapes that were
+        skipped by earlier steps, or by the learner because of their correspondences, have none.
 
     Raises
     ------
     CorrespondenceError
-        If a correspondence does not fit its shape.
+        If a correspondence does not belong to its shape.
     ValueError
-        If ``X`` does not hold the model's reference, or fewer than two other shapes; if ``y`` has
-        another length.
+        If ``X`` does not contain the model's reference or at least two other shapes, or if ``y``
+        has another length.
     """
     learner, given = learner_and_shapes(model, X)
     skip = fitted_learner(model).on_invalid == "skip"
@@ -136,7 +140,7 @@ def evaluate(
 
 
 def thin_out(truths: Sequence[Correspondence]) -> list[Correspondence]:
-    """Return correspondences on at most 5,000 template points, which errors are averaged over."""
+    """Restrict correspondences to at most 5,000 randomly chosen template points, for scoring."""
     points = np.unique(truths[0].pairs[:, 1])
     if len(points) <= _MOST_POINTS:
         return list(truths)
@@ -149,21 +153,21 @@ def _drawn(match: Match, shape: ProbedShape, reference: ProbedShape) -> Match:
 
 
 def folds_of(cv: CrossValidation, n_shapes: int) -> CrossValidation:
-    """Return ``cv``, but no more folds than shapes."""
+    """Return ``cv``, limited to the number of shapes if it is a number of folds."""
     return min(cv, n_shapes) if isinstance(cv, int) else cv
 
 
 def index_of_reference(
     learner: Learner, shapes: Sequence[ProbedShape], usable: Sequence[int]
 ) -> int:
-    """Return which of the shapes is the reference of a fitted learner."""
+    """Return the index of the reference of a fitted learner among the shapes."""
     wanted = learner.reference_.spectral.given_hash
     for i in usable:
         if shapes[i].spectral.given_hash == wanted:
             return i
     raise ValueError(
-        f"X does not hold the model's reference, {label(learner.reference_.name, 'shape')}. Give "
-        "the shapes that the model was fitted on, transformed as they were then."
+        f"X does not contain the model's reference, {label(learner.reference_.name, 'shape')}. "
+        "Give the shapes that the model was fitted on, transformed by the same steps."
     )
 
 
@@ -174,7 +178,7 @@ def trained(
     train: IntArray,
     **changes: Any,
 ) -> Learner:
-    """Return a learner of the same parameters, fitted on a fold; its reference comes first."""
+    """Return a learner with the same parameters, fitted on a fold; its reference comes first."""
     fresh = clone(learner)
     getattr(fresh, "estimator", fresh).set_params(reference="first", verbose=0, **changes)
     return fresh.fit([shapes[i] for i in train], [truths[i] for i in train])

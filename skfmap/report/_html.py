@@ -1,4 +1,4 @@
-"""Pieces of a page: text is escaped here, once, whatever it comes from."""
+"""Elements of an HTML page; all text is escaped here, and only here."""
 
 import base64
 import io
@@ -32,7 +32,7 @@ summary { cursor: pointer; color: #0072b2; }
 
 
 def page(title: str, subtitle: str, sections: Iterable[str]) -> str:
-    """Return a whole page that needs no other file."""
+    """Return a self-contained page."""
     return (
         '<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8">'
         '<meta name="viewport" content="width=device-width, initial-scale=1">'
@@ -44,7 +44,7 @@ def page(title: str, subtitle: str, sections: Iterable[str]) -> str:
 
 
 def section(title: str, *parts: str) -> str:
-    """Return a section of pieces that are HTML already."""
+    """Return a section; ``parts`` are already HTML."""
     return f"<section><h2>{escape(title)}</h2>\n" + "\n".join(parts) + "</section>"
 
 
@@ -54,7 +54,7 @@ def paragraph(text: str) -> str:
 
 
 def findings(items: Iterable[tuple[str, str]]) -> str:
-    """Return a list of levels and sentences."""
+    """Return a list of findings, given as pairs of a level and a sentence."""
     lines = (
         f'<li class="{escape(level)}"><b>{escape(level)}</b> {escape(text)}</li>'
         for level, text in items
@@ -63,7 +63,7 @@ def findings(items: Iterable[tuple[str, str]]) -> str:
 
 
 def table(header: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
-    """Return a table; the first column names its rows."""
+    """Return a table whose first column names the rows."""
     head = "".join(f"<th>{escape(str(cell))}</th>" for cell in header)
     body = "".join(
         "<tr>" + "".join(f"<td>{escape(str(cell))}</td>" for cell in row) + "</tr>" for row in rows
@@ -72,12 +72,12 @@ def table(header: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
 
 
 def details(summary: str, *parts: str) -> str:
-    """Return pieces that are hidden until they are asked for."""
+    """Return a collapsed element that opens on a click; ``parts`` are already HTML."""
     return f"<details><summary>{escape(summary)}</summary>" + "".join(parts) + "</details>"
 
 
 def picture(figure: "Figure", text: str) -> str:
-    """Return a figure of matplotlib as an image inside the page, and close it."""
+    """Return a matplotlib figure as an embedded image, and close the figure."""
     from matplotlib import pyplot as plt  # noqa: PLC0415
 
     stream = io.BytesIO()

@@ -1,4 +1,4 @@
-"""Landmarks predicted on specimens that were left out of the training, beside the true ones."""
+"""Cross-validated predictions of landmarks, with the true landmarks."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -21,7 +21,7 @@ from skfmap.shapes import Correspondence, Landmarks, Mesh, SkippedShape
 
 __all__ = ["LandmarkEvaluation", "evaluate_landmarks"]
 
-# What radii promise, as by default where landmarks are predicted.
+# Coverage of the radii; the default of predict_landmarks.
 _COVERAGE = 0.9
 
 
@@ -32,9 +32,9 @@ class LandmarkEvaluation:
     Attributes
     ----------
     meshes : list of Mesh
-        The specimens, without the reference: their working meshes, in the coordinates they came in.
+        Working meshes of the specimens, without the reference, in their original coordinates.
     predicted, true : list of Landmarks
-        Of each specimen, in the units and coordinates of its mesh.
+        Landmarks of each specimen, in the units and coordinates of its mesh.
     """
 
     meshes: list[Mesh]
@@ -43,15 +43,14 @@ class LandmarkEvaluation:
 
     @cached_property
     def names(self) -> tuple[str, ...]:
-        """Names of all true landmarks, in the order in which they come."""
+        """Names of all true landmarks, in order of first occurrence."""
         return tuple(dict.fromkeys(name for marks in self.true for name in marks.names))
 
     @cached_property
     def errors(self) -> FloatArray:
-        """Distances of predicted from true landmarks.
+        """Distances between predicted and true landmarks, of shape (n_specimens, n_landmarks).
 
-        Of shape (n_specimens, n_landmarks), in the units of the meshes; NaN where either is
-        missing.
+        They are in the units of the meshes, and NaN where either landmark is missing.
         """
         pairs = zip(self.predicted, self.true, strict=True)
         offs = [in_order(one, self.names) - in_order(true, self.names) for one, true in pairs]
@@ -59,12 +58,12 @@ class LandmarkEvaluation:
 
     @cached_property
     def expected(self) -> FloatArray:
-        """Errors that were expected, shaped as ``errors``; NaN where none was."""
+        """Expected errors, of the same shape as ``errors``; NaN where there is none."""
         return self._of_each("expected_error")
 
     @cached_property
     def radius(self) -> FloatArray:
-        """Radii of the balls that were promised to hold true landmarks, shaped as ``errors``."""
+        """Radii of the balls predicted to contain the true landmarks, shaped as ``errors``."""
         return self._of_each("radius")
 
     def _of_each(self, what: str) -> FloatArray:
@@ -81,7 +80,7 @@ class LandmarkEvaluation:
 
 
 def in_order(marks: Landmarks, names: Sequence[str]) -> FloatArray:
-    """Return the points of these names, shape (n_names, 3); NaN where there is none."""
+    """Return the landmarks with these names, of shape (n_names, 3); NaN for missing ones."""
     unknown = np.full(3, np.nan)
     return np.array([marks.point(name) if name in marks.names else unknown for name in names])
 
@@ -95,39 +94,42 @@ def evaluate_landmarks(
     cv: CrossValidation | None = None,
     verbose: int = 0,
 ) -> LandmarkEvaluation:
-    """Return the landmarks of specimens that were left out in turn, predicted from the rest.
+    """Predict the landmarks of each training specimen without learning from it.
 
-    The fit has left specimens out for the errors that it expects, and what it found is taken from
-    there: the deformation, what answers are moved by and the errors to expect are those of the
-    others; the start of the match and the stiffness of the reference are learned from all. With
-    ``cv`` everything is learned anew for each group, which takes a fit each. Parameters are those
-    of the model, and so is the reference.
+    By default, the predictions that `fit` made to calibrate expected errors are reused. In these,
+    the deformation, the corrections and the expected errors are learned without the specimen, but
+    the start of the match and the stiffness of the reference are learned from all specimens. With
+    ``cv``, everything is learned again for each fold, at the cost of one fit per fold. The
+    parameters and the reference are those of the model.
 
     Parameters
     ----------
     model : WeightedFunctionalMapLearner, Pipeline or fitted search
-        A fitted model.
-    X, y : sequence, sequence of correspondences
-        What it was fitted on, the reference among them.
-    landmarks : sequence of Landmarks or None
-        Of each specimen, in the coordinates of its mesh; None where there are none.
+        Fitted model.
+    X : sequence of shapes
+        Specimens that the model was fitted on, including the reference.
+    y : sequence of correspondences
+        Correspondence of each specimen with the template.
+    landmarks : sequence of (Landmarks or None)
+        True landmarks of each specimen, in the coordinates of its mesh; None for a specimen without
+        landmarks.
     cv : int, cross-validation generator or iterable, optional
-        Splits the specimens without the reference, for fits of their own. By default nothing is
-        fitted, unless the model calibrated no errors (``confidence=None``): then one at a time is
-        left out.
+        How to split the specimens, without the reference, into folds to fit. By default the
+        predictions of the original fit are reused; if it made none (``confidence=None``), each
+        specimen is left out in turn.
     verbose : int, default=0
-        1 tells each fold.
+        If 1, report each fold.
 
     Returns
     -------
     LandmarkEvaluation
-        One entry for each specimen with landmarks, but for the reference and those that were
-        skipped, in the order of ``X``.
+        One entry for each specimen with landmarks, in the order of ``X``, except for the reference
+        and skipped specimens.
 
     Raises
     ------
     ValueError
-        If ``X`` does not hold the model's reference, or fewer than two other specimens, or none of
+        If ``X`` does not contain the model's reference or at least two other specimens, or none of
         these has landmarks.
     """
     learner, given = learner_and_shapes(model, X)
@@ -152,7 +154,7 @@ def evaluate_landmarks(
         predicted = predict_landmarks(own, [shapes[i] for i in tested])
         found |= dict(zip(tested, predicted, strict=True))
     if not found:
-        raise ValueError("No specimen beside the reference has landmarks to compare with.")
+        raise ValueError("No specimen besides the reference has landmarks to compare with.")
     known = {i: true for i, true in enumerate(marks) if i in found and true is not None}
     return LandmarkEvaluation(
         [shapes[i].spectral.mesh for i in known],
@@ -167,9 +169,10 @@ def _left_out_by_fit(
     y: Sequence[Any],
     landmarks: Sequence[Landmarks | None],
 ) -> LandmarkEvaluation:
-    """Return what `fit` found on the specimens that it left out.
+    """Return the predictions that `fit` made for specimens that it left out.
 
-    What it missed are the points of ``y``; ``landmarks`` may be those of another observer.
+    The stored offsets are relative to the points of ``y``; ``landmarks`` may be those of another
+    observer.
     """
     left = model.left_out
     rows = [row for row, i in enumerate(left.indices) if landmarks[i] is not None]
@@ -191,5 +194,5 @@ def _left_out_by_fit(
         predicted.append(at)
         true.append(marks)
     if not true:
-        raise ValueError("No specimen beside the reference has landmarks to compare with.")
+        raise ValueError("No specimen besides the reference has landmarks to compare with.")
     return LandmarkEvaluation(meshes, predicted, true)

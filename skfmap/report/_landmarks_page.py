@@ -1,4 +1,4 @@
-"""A page of predicted landmarks beside the true ones, the worst specimens in pictures."""
+"""Report on predicted landmarks: errors in tables, and pictures of the worst specimens."""
 
 import datetime
 from html import escape
@@ -34,11 +34,11 @@ _LANDMARK_COLUMNS = (
     "within radius",
 )
 _SPECIMEN_COLUMNS = ("specimen", "n", "mean", "largest", "at", "expected")
-# Colours that the colour-blind can tell apart, on grey.
+# Colours of true and predicted landmarks, safe for colour vision deficiency, and grey of the bone.
 _TRUE, _PREDICTED, _BONE = "#0072b2", "#d55e00", 0.82
-# How many landmarks of a specimen, the worst, have their names in the picture.
+# Number of landmarks, the worst of a specimen, that are named in its picture.
 _NAMED = 5
-# Landmarks that are hidden behind the surface are drawn faintly.
+# Opacity of landmarks that are hidden behind the surface.
 _HIDDEN = 0.2
 
 
@@ -49,16 +49,16 @@ def write_landmarks_page(
     n_worst: int = 3,
     title: str = "Landmarks of specimens left out",
 ) -> Path:
-    """Write a page that says how far predicted landmarks are from the true ones.
+    """Write an HTML report on the errors of predicted landmarks.
 
     Parameters
     ----------
     evaluation : LandmarkEvaluation
-        From `evaluate_landmarks`.
+        Result of `evaluate_landmarks`.
     path : str or Path
-        File to write, ``.html``. It needs no other file and no network.
+        The ``.html`` file to write. It is self-contained.
     n_worst : int, default=3
-        How many of the worst specimens are shown.
+        Number of specimens to show in pictures, the worst ones.
     title : str
         Title of the page.
 
@@ -70,31 +70,35 @@ def write_landmarks_page(
     Raises
     ------
     FileNotFoundError
-        If there is no folder for the page.
+        If the folder of ``path`` does not exist.
     """
     check_number(n_worst, "n_worst", low=0, integer=True)
     order = _worst_first(evaluation)
     content = [
         section(
-            "How far off",
+            "Errors",
             paragraph(_sentence(evaluation)),
             table(_LANDMARK_COLUMNS, _shown(landmark_table(evaluation)[1])),
             details(
-                "All specimens, the worst first",
+                "All specimens, worst first",
                 table(_SPECIMEN_COLUMNS, _shown(_rows_of_specimens(evaluation))),
             ),
         ),
         section(
             "Worst specimens",
             paragraph(
-                "From both sides. Rings are landmarks placed by hand, dots are predicted; those "
-                f"behind the surface are faint. The {_NAMED} worst have their names."
+                "Each specimen is seen from both sides. Rings are landmarks placed by hand, dots "
+                "are predicted; those behind the surface are faint. The "
+                f"{_NAMED} landmarks with the largest errors are named."
             ),
             *(_specimen(evaluation, i, order[0]) for i in order[:n_worst]),
         ),
     ]
     today = datetime.datetime.now(tz=datetime.UTC).date()
-    subtitle = f"{len(evaluation.true)} specimens, each left out. skfmap {__version__}, {today}."
+    subtitle = (
+        f"{len(evaluation.true)} specimens, each left out of the training. skfmap {__version__}, "
+        f"{today}."
+    )
     check_folder(path).write_text(page(title, subtitle, content), encoding="utf-8")
     return Path(path)
 
@@ -102,21 +106,22 @@ def write_landmarks_page(
 def landmark_table(
     evaluation: LandmarkEvaluation,
 ) -> tuple[tuple[str, ...], list[tuple[object, ...]]]:
-    """Return errors of each landmark as a table.
+    """Return the errors of each landmark as a table.
 
     Parameters
     ----------
     evaluation : LandmarkEvaluation
-        From `evaluate_landmarks`.
+        Result of `evaluate_landmarks`.
 
     Returns
     -------
     header : tuple of str
         Names of the columns.
     rows : list of tuple
-        One for each landmark: on how many specimens it is known, mean, median and largest error and
-        on which specimen, mean expected error, and the share within the radius that was promised;
-        lengths in the units of the meshes, None where nothing is known.
+        One row per landmark: its name, the number of specimens on which it is known, the mean,
+        median and largest error, the specimen with the largest error, the mean expected error, and
+        the fraction of specimens on which it lies within the predicted radius. Lengths are in the
+        units of the meshes; None where nothing is known.
     """
     rows: list[tuple[object, ...]] = []
     n_blank = len(_LANDMARK_COLUMNS) - 2
@@ -144,7 +149,7 @@ def landmark_table(
 
 
 def _rows_of_specimens(evaluation: LandmarkEvaluation) -> list[tuple[object, ...]]:
-    """Return a row for each specimen, the worst first; lengths in mesh units."""
+    """Return a row for each specimen, worst first, with lengths in mesh units."""
     rows: list[tuple[object, ...]] = []
     for i in _worst_first(evaluation):
         errors = evaluation.errors[i]
@@ -163,7 +168,7 @@ def _rows_of_specimens(evaluation: LandmarkEvaluation) -> list[tuple[object, ...
 
 
 def _worst_first(evaluation: LandmarkEvaluation) -> list[int]:
-    """Return the indices of the specimens by their mean error; those without one come last."""
+    """Return the indices of the specimens by decreasing mean error; those without one are last."""
     means = [_mean(errors[np.isfinite(errors)]) for errors in evaluation.errors]
     return sorted(range(len(means)), key=lambda i: -(means[i] or 0.0))
 
@@ -178,11 +183,11 @@ def _sentence(evaluation: LandmarkEvaluation) -> str:
     if not len(errors):
         return "No landmark is both predicted and known."
     return (
-        f"Predicted landmarks are {errors.mean():.3g} from those placed by hand, on average over "
-        f"{len(errors)} landmarks of specimens that were left out of the training; the median is "
-        f"{np.median(errors):.3g}, the largest {errors.max():.3g}. Lengths are in the units of the "
-        "meshes; within radius is the share of landmarks inside the ball that was predicted for "
-        "them."
+        f"On average over {len(errors)} landmarks of specimens that were left out of the training, "
+        f"predicted landmarks are {errors.mean():.3g} from those placed by hand; the median is "
+        f"{np.median(errors):.3g} and the largest {errors.max():.3g}. Lengths are in the units of "
+        "the meshes. The column within radius is the fraction of landmarks that lie inside the "
+        "ball predicted for them."
     )
 
 
@@ -197,7 +202,7 @@ def _shown(rows: list[tuple[object, ...]]) -> list[list[str]]:
 
 
 def _specimen(evaluation: LandmarkEvaluation, i: int, first: int) -> str:
-    """Return the picture of a specimen, posed as the first one is, with a table."""
+    """Return a picture of a specimen, in the pose of the first one, with a table."""
     true, found = (
         in_order(of[i], evaluation.names) for of in (evaluation.true, evaluation.predicted)
     )
@@ -217,7 +222,7 @@ def _specimen(evaluation: LandmarkEvaluation, i: int, first: int) -> str:
     return (
         f"<h3>{escape(caption)}</h3>"
         + picture(figure, f"{caption}; landmarks placed by hand and predicted.")
-        + details("Its landmarks", table(("landmark", "error", "expected"), _shown(rows)))
+        + details("All landmarks", table(("landmark", "error", "expected"), _shown(rows)))
     )
 
 
@@ -226,10 +231,13 @@ def _or_none(value: float) -> float | None:
 
 
 def _turn_of(evaluation: LandmarkEvaluation, i: int, first: int) -> FloatArray:
-    """Return the rotation (points are rows) that shows a specimen broadside, as the first is."""
+    """Return the rotation (for points as rows) that turns a specimen's broad side to the camera.
+
+    All specimens are aligned with the first by their landmarks.
+    """
     mesh = evaluation.meshes[first]
     centred = mesh.vertices - mesh.vertices.mean(axis=0)
-    axes = np.linalg.svd(centred, full_matrices=False)[2].T  # the longest first
+    axes = np.linalg.svd(centred, full_matrices=False)[2].T  # longest first
     axes[:, 2] *= np.sign(np.linalg.det(axes))
     broadside = axes[:, [0, 2, 1]] * [1.0, -1.0, 1.0]  # the camera looks along y
     own, other = (in_order(evaluation.true[j], evaluation.names) for j in (i, first))
@@ -243,7 +251,7 @@ def _turn_of(evaluation: LandmarkEvaluation, i: int, first: int) -> FloatArray:
 def _picture(
     mesh: Mesh, true: FloatArray, found: FloatArray, turn: FloatArray, named: dict[int, str]
 ) -> "Figure":
-    """Return a figure of both sides; the landmarks are turned already."""
+    """Return a figure of both sides; the landmarks are already rotated."""
     from matplotlib import pyplot as plt  # noqa: PLC0415
 
     turned = Mesh(mesh.vertices @ turn, mesh.faces, mesh.name)

@@ -1,4 +1,4 @@
-"""The report: one page, one call."""
+"""HTML report on a fitted model."""
 
 import datetime
 import platform
@@ -41,9 +41,9 @@ __all__ = ["write_report"]
 _KINDS = {
     "direct": "direct",
     "consistent": "better side",
-    "per_vertex": "better side at each point",
+    "per_vertex": "better side per point",
 }
-_ASSESSED = ("expected", "half most trusted")
+_ASSESSED = ("expected", "most trusted half")
 
 
 def write_report(
@@ -60,35 +60,39 @@ def write_report(
     title: str = "Learned functional maps",
     verbose: int = 0,
 ) -> Path:
-    """Write a page that says at a glance whether a trained model can be trusted.
+    """Write an HTML report that shows at a glance whether a trained model can be trusted.
 
-    With the collection that the model was fitted on, shapes are left out in turn and matched by
-    models trained on the rest: errors, whether they were expected, and the worst matches in
-    pictures. Without it the page tells what the model knows of itself: weights, stable functions,
-    calibrated errors.
+    Given the collection that the model was fitted on, the model is cross-validated: the page shows
+    the errors on shapes that were left out, how well they were expected, and pictures of the worst
+    matches. Without the collection, the page shows only what the model itself contains: its
+    weights, stable functions and calibration.
 
     Parameters
     ----------
     model : WeightedFunctionalMapLearner, Pipeline or fitted search
-        The fitted model.
+        Fitted model.
     path : str or Path
-        File to write, ``.html``. It needs no other file and no network.
-    X, y : sequence, sequence of correspondences, optional
-        What the model was fitted on.
+        The ``.html`` file to write. It is self-contained.
+    X : sequence of shapes, optional
+        Shapes that the model was fitted on.
+    y : sequence of correspondences, optional
+        Correspondences that the model was fitted on.
     cv : int, cross-validation generator or iterable, default=5
-        How shapes are left out; each fold is two fits, with weights and without.
+        How to split the shapes. Each fold takes two fits, with and without weights.
     y_scored : sequence of correspondences, optional
-        What is scored, if not ``y``: with sparse landmarks, those that were not learned from.
+        Correspondences to score the matches with; ``y`` by default. With sparse landmarks, give
+        those that were not learned from.
     evaluation : Evaluation, optional
-        From `evaluate`, if it was run before; ``X`` and ``y`` then only describe the collection.
+        Result of `evaluate`, if it has been run already. Nothing is then computed from ``X`` and
+        ``y``.
     n_worst : int, default=3
-        How many of the worst matches are shown.
+        Number of matches to show in pictures, the worst ones.
     camera : Camera, optional
-        Pictures are taken from there.
+        Direction of view of the pictures.
     title : str
         Title of the page.
     verbose : int, default=0
-        1 tells each fold.
+        If 1, report each fold.
 
     Returns
     -------
@@ -98,10 +102,10 @@ def write_report(
     Raises
     ------
     ValueError
-        If ``X`` and ``y`` are not those of the model, or only one of them is given, or no shape
-        could be scored.
+        If ``X`` and ``y`` are not those of the model, only one of them is given, or no shape could
+        be scored.
     FileNotFoundError
-        If there is no folder for the page.
+        If the folder of ``path`` does not exist.
     sklearn.exceptions.NotFittedError
         If the model is not fitted.
 
@@ -128,8 +132,7 @@ def write_report(
     check_number(n_worst, "n_worst", low=0, integer=True)
     if (X is None) != (y is None):
         raise ValueError(
-            "Give X and y together: the shapes that the model was fitted on, and their "
-            "correspondences."
+            "Give both X and y: the shapes that the model was fitted on, and their correspondences."
         )
     if evaluation is None and X is not None and y is not None:
         evaluation = evaluate(model, X, y, cv=cv, y_scored=y_scored, verbose=verbose)
@@ -153,12 +156,12 @@ def write_report(
 
 
 def _usable(evaluation: Evaluation) -> Evaluation:
-    """Return the evaluation without shapes that were left out, which have no errors."""
+    """Return the evaluation without skipped shapes, which have no errors."""
     kept = [i for i, errors in enumerate(evaluation.errors) if len(errors.vertices)]
     if not kept:
         raise ValueError(
-            "The evaluation holds no shape that could be matched and scored; write the report "
-            "without it."
+            "The evaluation contains no shape that could be matched and scored. Write the report "
+            "without an evaluation, or give correspondences for the shapes."
         )
     return Evaluation(
         [evaluation.meshes[i] for i in kept],
@@ -172,7 +175,7 @@ def _subtitle(learner: WeightedFunctionalMapLearner) -> str:
     today = datetime.datetime.now(tz=datetime.UTC).date()
     return (
         f"Reference {learner.reference_.name or 'without a name'}, {len(learner.weights_)} probe "
-        f"functions, {learner.n_training_shapes_} training shapes beside the reference. skfmap "
+        f"functions, {learner.n_training_shapes_} training shapes besides the reference. skfmap "
         f"{__version__}, {today}."
     )
 
@@ -182,14 +185,14 @@ def _hint(evaluation: Evaluation | None) -> list[str]:
         return []
     return [
         paragraph(
-            "No shape was left out for this page. Give write_report the collection, X and y, and "
-            "it says how far matches of shapes are off that the model was not trained on."
+            "This page was written without cross-validation. Give write_report the collection, X "
+            "and y, to see the errors on shapes that the model was not trained on."
         )
     ]
 
 
 def _errors(evaluation: Evaluation) -> str:
-    """Return the errors of the shapes left out, the worst first, and whether they were expected."""
+    """Return a section on errors of shapes left out, worst first, and on expected errors."""
     from matplotlib import pyplot as plt  # noqa: PLC0415
 
     kinds = (
@@ -205,7 +208,7 @@ def _errors(evaluation: Evaluation) -> str:
         )
     expected, true = expected_and_true(evaluation)
     if len(expected):
-        name = "mean of a tenth of the points"
+        name = "mean of each tenth of the points"
         ReliabilityDisplay.from_predictions(
             expected, true, ax=right, n_bins=min(10, len(true)), name=name
         )
@@ -225,13 +228,14 @@ def _errors(evaluation: Evaluation) -> str:
     return section(
         "Errors on shapes left out",
         paragraph(
-            "Mean geodesic errors in percent of sqrt(area) of the reference. Expected errors are "
-            "what the model said before it was told the truth; the last column is the true error "
-            "of the half that it trusted most."
+            "Mean geodesic errors, in percent of sqrt(area) of the reference. Expected errors were "
+            "predicted by the model without the true correspondences. The last column is the true "
+            "error of the half of the points with the lowest expected errors."
         ),
         table(header, [rows[i] for i in worst_first]),
         picture(
-            figure, "Left: share of points below an error. Right: expected against true errors."
+            figure,
+            "Left: percentage of points below an error. Right: true against expected errors.",
         ),
     )
 
@@ -272,13 +276,12 @@ def _worst(
     return section(
         "Worst matches",
         paragraph(
-            "Each point has the colour of the point of the reference that it is matched to. Below, "
-            "the error that the model expects, and the true one; grey where no correspondence is "
-            "known."
+            "Each point has the colour of its matched point on the reference. The rows below show "
+            "the expected error and the true error, in grey where no correspondence is known."
         ),
         picture(
             figure,
-            "The worst matches: colours carried from the reference, expected errors, true errors.",
+            "The worst matches: colours of the reference, expected errors, true errors.",
         ),
     )
 
@@ -286,12 +289,12 @@ def _worst(
 def _stable_functions(
     learner: WeightedFunctionalMapLearner, camera: Camera | None, n_shown: int = 4
 ) -> str:
-    """Return pictures of the most and the least stable functions, and of where maps err."""
+    """Return pictures of the most and least stable functions, and of where maps are inaccurate."""
     reference, k = learner.reference_.spectral, len(learner.stable_basis_)
     shown = [*range(1, min(1 + n_shown, k)), k - 1]
     functions = (reference.evecs[:, :k] @ learner.stable_basis_[:, shown]).T
     captions = [f"number {j + 1}: {learner.stability_[j]:.2f}" for j in shown]
-    # Functions of root mean square 1, on a shape of unit area, seldom go beyond.
+    # Functions with root mean square 1 on a shape of unit area rarely exceed these limits.
     limits = (-4.0, 4.0)
     meshes, rows = [reference.mesh] * len(shown), list(functions)
     first = plot_functions(meshes, rows, captions=captions, limits=limits, camera=camera)
@@ -302,17 +305,18 @@ def _stable_functions(
         learner.record_.total_share,
     )
     where = plot_functions(
-        [reference.mesh], [missed], labels=["how far maps miss"], cmap="magma_r", camera=camera
+        [reference.mesh], [missed], labels=["error of the maps"], cmap="magma_r", camera=camera
     )
     return section(
-        "What maps stably",
+        "Stable functions",
         paragraph(
-            "Functions on the reference, the most stable first; the constant one, number 1, "
-            "always is. The number beside each is its singular value over the training shapes: 0 "
-            "is carried perfectly. The last is lost."
+            "Functions on the reference, the most stable first, and the least stable last. The "
+            "constant function, number 1, is always the most stable and is not shown. The number "
+            "beside each function is its singular value over the training shapes; a function with "
+            "value 0 is mapped perfectly."
         ),
         picture(first, "Stable functions on the reference."),
-        picture(where, "How far learned maps miss each part of the reference."),
+        picture(where, "Error of the learned maps on each part of the reference."),
     )
 
 
@@ -330,8 +334,8 @@ def _weights(learner: WeightedFunctionalMapLearner, n_shown: int = 10) -> str:
         "Weights of the probe functions",
         picture(figure, "Weights by category."),
         paragraph(
-            "Only together do probes make a map: a small weight does not mean that a probe says "
-            "nothing."
+            "The probe functions determine the map together: a small weight does not mean that a "
+            "probe carries no information."
         ),
         table(["probe", "category", "weight"], rows[:n_shown]),
         details("All weights", table(["probe", "category", "weight"], rows))
@@ -341,7 +345,7 @@ def _weights(learner: WeightedFunctionalMapLearner, n_shown: int = 10) -> str:
 
 
 def _collection(learner: WeightedFunctionalMapLearner, evaluation: Evaluation | None) -> str:
-    """Return a table of the shapes that are at hand: the reference, and those left out."""
+    """Return a table of the reference and the evaluated shapes."""
     reference = learner.reference_.spectral.mesh
     rows = [
         [
@@ -376,7 +380,7 @@ def _settings(
     ]
     found: list[list[object]] = [
         ["epsilon", f"{learner.epsilon_:.4g}"],
-        ["loss at the start, at the end", f"{learner.loss_curve_[0]:.4g}, {learner.loss_:.4g}"],
+        ["initial loss, final loss", f"{learner.loss_curve_[0]:.4g}, {learner.loss_:.4g}"],
         ["iterations", learner.n_iter_],
         ["bridge", "none" if bridge is None else bridge.reference_.name],
         [
@@ -385,8 +389,8 @@ def _settings(
         ],
     ]
     return section(
-        "How it was made",
-        table(["found", ""], found),
+        "How the model was fitted",
+        table(["result", "value"], found),
         details("Parameters of the learner", table(["parameter", "value"], parameters)),
     )
 

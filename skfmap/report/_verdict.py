@@ -1,4 +1,4 @@
-"""What the figures of a model mean, in sentences: good, doubtful, or bad."""
+"""Findings on a model, in sentences rated good, doubtful or bad."""
 
 from collections.abc import Iterator
 from typing import Literal, NamedTuple, TypeAlias
@@ -21,32 +21,29 @@ __all__ = [
     "trusted_part",
 ]
 
-# Thresholds are stated beside the figures. They were chosen by `python
-# tests/benchmarks/verdicts.py`: cats, people, animals and creatures, before and after refinement,
-# some with few or wrong pairs.
+# The texts state the thresholds. These were chosen with tests/benchmarks/verdicts.py on cats,
+# people, animals and creatures, before and after refinement, some with few or wrong pairs.
 
-# Errors in units of sqrt(area): below the first, labels can be transferred; above the second,
-# hardly a limb. Sound collections of one kind of body are at 0.045 and less; mixed kinds, wrong
-# pairs and bodies without features above 0.1.
+# Errors in units of sqrt(area). Below the first, labels can be transferred; above the second, not
+# even limbs. Sound collections of one kind of body have 0.045 or less; mixed kinds, wrong pairs and
+# bodies without features have more than 0.1.
 _GOOD, _BAD = 0.05, 0.10
-# An edge of a mesh of 5,000 vertices: errors below are as good as none.
+# An edge length of a mesh of 5,000 vertices; smaller errors are negligible.
 _EDGE = 0.015
-# A shape stands out if its error is so many times the median. Sound shapes are at 1.5 and less.
+# Ratio to the median error above which a shape is an outlier. Sound shapes have at most 1.5.
 _OUTLIER = 2.5
-# One side fits clearly better than the other if its error is below this share of the other's.
+# One side fits clearly better if its error is below this fraction of the other side's.
 _CLEARLY = 0.7
-# Learned weights help if they take away this share of the error at least.
+# Learned weights help if they reduce the error by at least this fraction.
 _HELPS = 0.05
-# Expected errors are believed if their mean is that near to the true mean, as a ratio. Sound ones
-# are at 0.8 to 1.2.
+# Largest factor between the means of expected and true errors. Sound models have 0.8 to 1.2.
 _BELIEVED = 1.35
-# Rank correlation of expected with true errors, from which expected errors tell good points from
-# bad: the half of the points that is trusted more then has at most four fifths of the mean error,
-# on every collection that was tried. Near the second it has nine tenths on creatures, and trusting
-# it gains next to nothing.
+# Rank correlations of expected with true errors. From the first on, the more trusted half of the
+# points has at most 4/5 of the mean error on every collection tried. Near the second it has 9/10 on
+# creatures, so that trusting it gains very little.
 _TELLS, _TELLS_LITTLE = 0.35, 0.15
-# A logarithm of a weight that is so near to its bound is on it but for rounding, and a share of
-# weights there that is worth a word: a guess that was never varied.
+# Distance of the logarithm of a weight from its bound that is due to rounding, and the fraction of
+# weights at a bound that is worth reporting; the latter is a guess that was never varied.
 _AT_BOUND, _MANY = 1e-6, 0.25
 
 
@@ -54,27 +51,28 @@ Level: TypeAlias = Literal["good", "doubtful", "bad"]
 
 
 class Finding(NamedTuple):
-    """A sentence, and whether it is "good", "doubtful" or "bad" news."""
+    """A sentence, rated "good", "doubtful" or "bad"."""
 
     level: Level
     text: str
 
 
 def findings_of_model(learner: WeightedFunctionalMapLearner) -> list[Finding]:
-    """Return what a fitted learner says of itself."""
+    """Return findings on a fitted learner that need no evaluation."""
     return [*_convergence(learner), *_weights_at_bounds(learner), *_calibration(learner)]
 
 
 def findings_of_evaluation(
     learner: WeightedFunctionalMapLearner, evaluation: Evaluation
 ) -> list[Finding]:
-    """Return what the shapes left out say, the most important first."""
+    """Return findings on an evaluation, the most important first."""
     scored = [i for i, errors in enumerate(evaluation.errors) if np.isfinite(errors.mean())]
     if not scored:
         return [
             Finding(
                 "doubtful",
-                "No shape left out has known correspondences: nothing says how far to trust it.",
+                "No shape left out has known correspondences, so the accuracy of the model is not "
+                "known.",
             )
         ]
     errors = [evaluation.errors[i] for i in scored]
@@ -91,7 +89,7 @@ def findings_of_evaluation(
 
 
 def expected_and_true(evaluation: Evaluation) -> tuple[FloatArray, FloatArray]:
-    """Return expected and true errors at all pairs of the shapes left out where both are known."""
+    """Return expected and true errors at all pairs for which both are known."""
     pairs = list(zip(evaluation.matches, evaluation.errors, strict=True))
     expected = np.concatenate(
         [
@@ -107,9 +105,9 @@ def expected_and_true(evaluation: Evaluation) -> tuple[FloatArray, FloatArray]:
 
 
 def trusted_part(expected: FloatArray) -> BoolArray:
-    """Return the half of the points with the lower expected errors, and all that equal them.
+    """Return a mask of the half of the points with the lowest expected errors.
 
-    Errors that differ by rounding only are equal.
+    Points that equal the median, up to rounding, are included.
     """
     return np.asarray(expected <= np.median(expected) + ROUNDING * np.abs(expected).max())
 
@@ -121,15 +119,13 @@ def _size_of_errors(means: FloatArray, names: list[str]) -> Finding:
     if len(means) == 1:
         return Finding(
             "doubtful" if level == "good" else level,
-            f"On {names[0]}, the only shape left out of the training, points land "
-            f"{100 * mean:.1f} % of sqrt(area) from where they belong, on average ({scale}). One "
-            "shape says little of others.",
+            f"On {names[0]}, the only shape left out of the training, the mean error is "
+            f"{100 * mean:.1f} % of sqrt(area) ({scale}). One shape says little about others.",
         )
     return Finding(
         level,
-        f"On {len(means)} shapes left out of the training, points land {100 * mean:.1f} % of "
-        f"sqrt(area) from where they belong, on average ({scale}); on the worst, {names[worst]}, "
-        f"{100 * means[worst]:.1f} %.",
+        f"On {len(means)} shapes left out of the training, the mean error is {100 * mean:.1f} % of "
+        f"sqrt(area) ({scale}); on the worst, {names[worst]}, it is {100 * means[worst]:.1f} %.",
     )
 
 
@@ -142,26 +138,26 @@ def _sides(errors: list[PairErrors], names: list[str]) -> Iterator[Finding]:
     if turned:
         yield Finding(
             "bad",
-            f"Left is taken for right on {len(turned)} of {len(names)} shapes: "
-            f"{_some(turned)}. Use probes that tell sides apart (the default families), and "
-            "check the winding of these meshes.",
+            f"Left and right are exchanged on {len(turned)} of {len(names)} shapes: "
+            f"{_some(turned)}. Use probes that distinguish the sides (the default families do), "
+            "and check the orientation of the faces of these meshes.",
         )
     elif unclear:
         yield Finding(
             "doubtful",
-            f"Whether left and right are told apart cannot be told on {len(unclear)} of "
-            f"{len(names)} shapes: {_some(unclear)}. Their matches fit one side no better "
-            f"than the other: less than {100 * _CLEARLY:g} % of the other side's error would "
-            "be clear.",
+            f"It is unclear whether left and right are distinguished on {len(unclear)} of "
+            f"{len(names)} shapes: {_some(unclear)}. Their matches fit the correct side hardly "
+            f"better than the other; an error below {100 * _CLEARLY:g} % of the other side's "
+            "would be clear.",
         )
     else:
-        yield Finding("good", "Left and right are told apart on every shape left out.")
+        yield Finding("good", "Left and right are distinguished on every shape left out.")
 
 
 def _errors_of_sides(errors: PairErrors) -> tuple[float, float]:
-    """Return the mean error against the true and against the symmetric answer.
+    """Return the mean errors with respect to the true and the symmetric answers.
 
-    Both are of the pairs where both answers are known, and NaN where there are none.
+    Both are means over the pairs for which both answers are known; NaN if there are none.
     """
     symmetric = np.asarray(errors.symmetric, dtype=np.float64)
     weights = np.where(np.isnan(symmetric), 0.0, errors.weights)
@@ -178,9 +174,9 @@ def _outliers(means: FloatArray, names: list[str]) -> Iterator[Finding]:
     if len(far):
         yield Finding(
             "doubtful",
-            f"{_some([names[i] for i in far])} stand{'s' if len(far) == 1 else ''} out with more "
-            f"than {_OUTLIER:g} times the median error: look at their pictures below, their "
-            "meshes and their correspondences.",
+            f"{_some([names[i] for i in far])} ha{'s' if len(far) == 1 else 've'} more than "
+            f"{_OUTLIER:g} times the median error. Check the pictures below, the meshes and the "
+            "correspondences.",
         )
 
 
@@ -191,14 +187,14 @@ def _learning(
         return
     before, after = float(np.mean([one.mean() for one in naive])), float(means.mean())
     text = (
-        f"Without learned weights the error would be {100 * before:.1f} %, with them it is "
-        f"{100 * after:.1f} %"
+        f"The mean error is {100 * after:.1f} % with learned weights and {100 * before:.1f} % "
+        "without them"
     )
     if after <= (1 - _HELPS) * before and before > 0:
         yield Finding("good", text + ".")
     else:
-        gained = "more" if after > (1 + _HELPS) * before else "no difference to speak of"
-        yield Finding("doubtful", text + f": {gained} (weights help from {100 * _HELPS:g} % less).")
+        gained = "they make it worse" if after > (1 + _HELPS) * before else "they do not help"
+        yield Finding("doubtful", text + f": {gained} (good is {100 * _HELPS:g} % less, or more).")
 
 
 def _expectation(evaluation: Evaluation) -> Iterator[Finding]:
@@ -207,58 +203,61 @@ def _expectation(evaluation: Evaluation) -> Iterator[Finding]:
         yield _expected_size(expected, true)
         yield _expected_order(expected, true)
     elif any(match.expected_error is not None for match in evaluation.matches):
-        text = "No point has both an expected and a true error: nothing says which to trust."
+        text = "No point has both an expected and a true error, so expected errors are not tested."
         yield Finding("doubtful", text)
 
 
 def _expected_size(expected: FloatArray, true: FloatArray) -> Finding:
     ratio = float(expected.mean() / max(true.mean(), 1e-300))
     text = (
-        f"Expected errors are {100 * expected.mean():.1f} % on average where the true ones are "
+        f"The mean expected error is {100 * expected.mean():.1f} %, and the mean true error is "
         f"{100 * true.mean():.1f} %"
     )
     scale = f"(good within a factor of {_BELIEVED:g})"
     if 1 / _BELIEVED < ratio < _BELIEVED:
         return Finding("good", f"{text} {scale}.")
-    return Finding("doubtful", f"{text}: they are too {'low' if ratio < 1 else 'high'} {scale}.")
+    return Finding(
+        "doubtful", f"{text}: expected errors are too {'low' if ratio < 1 else 'high'} {scale}."
+    )
 
 
 def _expected_order(expected: FloatArray, true: FloatArray) -> Finding:
-    """Return whether points of lower expected error are the better ones."""
+    """Return a finding on whether points with lower expected errors have lower true errors."""
     if is_constant(expected):
         return Finding(
             "doubtful",
-            "Expected errors are the same everywhere: they tell nothing of where points are good.",
+            "Expected errors are the same everywhere, so they do not distinguish good points from "
+            "bad.",
         )
     if is_constant(true):
         return Finding(
             "doubtful",
-            "True errors are the same everywhere: nothing shows whether expected errors tell good "
-            "from bad.",
+            "True errors are the same everywhere, so it is not known whether expected errors "
+            "distinguish good points from bad.",
         )
     ranks = float(spearmanr(expected, true).statistic)
     trusted = 100 * float(true[trusted_part(expected)].mean())
-    # Of few points, a higher one may be chance: twice the standard error of points that have
-    # nothing in common.
+    # With few points a high correlation may be chance: require twice the standard error of the
+    # correlation of independent values.
     needed = max(_TELLS, 2 / np.sqrt(len(true) - 1))
     if needed > 1:
         return Finding(
             "doubtful",
-            f"{len(true)} points are too few to show whether expected errors tell good points from "
-            "bad.",
+            f"{len(true)} points are too few to show whether expected errors distinguish good "
+            "points from bad.",
         )
     figures = (
-        f"rank correlation with true errors {ranks:.2f}, good from {needed:.2f}; the half of the "
-        f"points that is trusted more is {trusted:.1f} % off, all are {100 * true.mean():.1f} % "
-        "off"
+        f"rank correlation with true errors {ranks:.2f}, good from {needed:.2f}; mean error of the "
+        f"more trusted half of the points {trusted:.1f} %, of all points "
+        f"{100 * true.mean():.1f} %"
     )
     if ranks >= needed:
-        return Finding("good", f"Expected errors tell good points from bad ({figures}).")
+        return Finding("good", f"Expected errors distinguish good points from bad ({figures}).")
     if ranks >= _TELLS_LITTLE:
         return Finding(
-            "doubtful", f"Expected errors tell good points from bad only in part ({figures})."
+            "doubtful", f"Expected errors only partly distinguish good points from bad ({figures})."
         )
-    return Finding("bad", f"Expected errors do not tell good points from bad here ({figures}).")
+    return Finding("bad", f"Expected errors do not distinguish good points from bad ({figures}).")
 
 
 def _convergence(learner: WeightedFunctionalMapLearner) -> Iterator[Finding]:
@@ -269,8 +268,8 @@ def _convergence(learner: WeightedFunctionalMapLearner) -> Iterator[Finding]:
     else:
         yield Finding(
             "doubtful",
-            f"The search for weights stopped after {learner.n_iter_} iterations, before it "
-            "converged; raise max_iter.",
+            f"The search for weights stopped after {learner.n_iter_} iterations without "
+            "converging. Raise max_iter.",
         )
 
 
@@ -280,8 +279,8 @@ def _weights_at_bounds(learner: WeightedFunctionalMapLearner) -> Iterator[Findin
     if learner.weighting is not None and n_bound > _MANY * len(logs):
         yield Finding(
             "doubtful",
-            f"{n_bound} of {len(logs)} weights are at the bounds of the search: probes that "
-            "hardly matter, or too few training shapes to tell.",
+            f"{n_bound} of {len(logs)} weights are at the bounds of the search: either these "
+            "probes hardly matter, or there are too few training shapes to find their weights.",
         )
 
 
@@ -289,14 +288,14 @@ def _calibration(learner: WeightedFunctionalMapLearner) -> Iterator[Finding]:
     if learner.confidence_ is None:
         yield Finding(
             "doubtful",
-            "Expected errors were switched off (confidence=None), so nothing says which points to "
-            "trust. Fit with confidence='cross-fit'.",
+            "Expected errors were switched off (confidence=None), so it is not known which points "
+            "to trust. Fit with confidence='cross-fit'.",
         )
     elif any(not one.cross_validated for one in getattr(learner, "error_models_", {}).values()):
         yield Finding(
             "doubtful",
-            "Only one shape beside the reference was there to learn from: expected errors are "
-            "those of the training, and too optimistic.",
+            "There is only one training shape besides the reference: expected errors are training "
+            "errors, and too optimistic.",
         )
 
 

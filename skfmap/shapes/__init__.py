@@ -1,6 +1,6 @@
-"""Frozen data that flows through the pipeline.
+"""Immutable data that passes through the pipeline.
 
-Meshes, shapes in a basis, correspondences, matches.
+Meshes, shapes with a spectral basis, correspondences and matches.
 """
 
 from skfmap.shapes.correspondence import Correspondence, JoinedPairs, _correspondence  # noqa: F401 - pickles of 0.1.0

@@ -27,21 +27,21 @@ __all__ = ["Correspondence", "JoinedPairs"]
 
 @dataclass(frozen=True, eq=False)
 class JoinedPairs:
-    """Pairs of places of two shapes that stand on the same template point.
+    """Pairs of places on two shapes that correspond to the same template point.
 
     Attributes
     ----------
     vertices_i, vertices_0 : ndarray of int, shape (n_pairs,)
-        Vertex of S_i and the vertex of S_0 that it is mapped to: the point map runs from S_i to
-        S_0.
+        Vertex of S_i, and the vertex of S_0 that it is mapped to. The point-to-point map runs from
+        S_i to S_0.
     points : ndarray of int, shape (n_pairs,)
         The template point that joins them.
     weights : ndarray of shape (n_pairs,)
-        Positive. The weight of the pair on S_i (1 for plain pairs), shared among the vertices of
-        S_0 that stand on the template point.
+        Positive weights. The weight of each pair on S_i (1 for plain pairs) is divided among the
+        vertices of S_0 paired with the same template point.
     places_i, places_0 : SurfacePlaces or None
-        Where the pairs are on the faces of S_i and of S_0, where that is known; the vertices are
-        then the corners of most weight. None where all are at their vertices.
+        Places of the pairs on the faces of S_i and S_0. The vertices are then the corners with the
+        largest weight. None if all pairs are at vertices.
     """
 
     vertices_i: IntArray
@@ -52,7 +52,7 @@ class JoinedPairs:
     places_0: SurfacePlaces | None = None
 
     def take(self, rows: IntArray) -> "JoinedPairs":
-        """Return some of the pairs, by their numbers or a mask."""
+        """Return the pairs selected by row indices or a mask."""
         places_i, places_0 = (
             None if at is None else at.take(rows) for at in (self.places_i, self.places_0)
         )
@@ -75,36 +75,38 @@ class Correspondence:
     Parameters
     ----------
     pairs : array-like of int, shape (n_pairs, 2)
-        Rows ``[vertex of the shape, template point]``, 0-based. Sparse, partial and many-to-one are
-        ordinary.
+        Rows ``[vertex of the shape, template point]``, counted from 0. They may be sparse, partial
+        or many-to-one.
     symmetric_pairs : array-like of int, shape (n_symmetric_pairs, 2), optional
-        The same for the symmetric answer: the vertex that the shape's left-right symmetry takes
-        each point's vertex to. Used by the symmetric metrics only, never for learning.
+        The same for the symmetric answer: the vertex that the left-right symmetry of the shape
+        sends the vertex of each template point to. Only the symmetric metrics use it; nothing is
+        learned from it.
     weights : array-like of shape (n_pairs,), optional
-        Non-negative weights of soft or barycentric pairs; None means 1 each.
+        Non-negative weights of soft or barycentric pairs. None means 1 for each pair.
     symmetric_weights : array-like of shape (n_symmetric_pairs,), optional
         The same for ``symmetric_pairs``.
     n_vertices : int, optional
-        How many vertices the shape has, where the constructor could tell; checked against the mesh.
+        Number of vertices of the shape, if the constructor knows it. It is checked against the
+        mesh.
     places : (corners, weights), optional
-        Where the pairs are on the faces of the shape: the three vertices of a face, integers of
-        shape (n_pairs, 3), and their weights, which sum to 1. The vertex in ``pairs`` is then a
-        corner of most weight. None where each pair is at its vertex.
+        Places of the pairs on the faces of the shape: the three vertices of a face, integers of
+        shape (n_pairs, 3), and their weights, which sum to 1. The vertex in ``pairs`` must be a
+        corner with the largest weight. None if all pairs are at vertices.
     names : sequence of str, optional
-        Name of each template point, all different. Correspondences with names are joined by them.
+        Unique name of each template point. Correspondences with names are joined by name.
     coordinates : array-like of shape (n_pairs, 3), optional
-        The points as they were measured, in the units of the mesh; each template point once.
+        The points as measured, in the units of the mesh. Each template point may occur only once.
     distance : array-like of shape (n_pairs,), optional
-        How far these are from their places, in the same units.
+        Distance of each measured point from its place, in the units of the mesh.
 
     Raises
     ------
     TypeError
-        If ``pairs`` is one-dimensional (say which reading you mean with a constructor) or not of an
-        integer dtype.
+        If ``pairs`` is one-dimensional (use ``from_vertices`` or ``from_template`` to say what it
+        holds) or its dtype is not an integer type.
     CorrespondenceError
-        If the shape of ``pairs`` is wrong, an index is negative, or weights, places, names,
-        coordinates or distances do not fit.
+        If ``pairs`` has the wrong shape, an index is negative, or the weights, places, names,
+        coordinates or distances do not match the pairs.
 
     See Also
     --------
@@ -155,7 +157,9 @@ class Correspondence:
     def _check_symmetric(self) -> None:
         if self.symmetric_pairs is None:
             if self.symmetric_weights is not None:
-                raise CorrespondenceError("symmetric_weights are given without symmetric_pairs.")
+                raise CorrespondenceError(
+                    "symmetric_weights were given without symmetric_pairs. Give both, or neither."
+                )
             return
         object.__setattr__(
             self, "symmetric_pairs", read_only(check_pairs(self.symmetric_pairs, "symmetric_pairs"))
@@ -165,7 +169,7 @@ class Correspondence:
         object.__setattr__(self, "symmetric_weights", checked)
 
     def __reduce__(self) -> tuple[Any, ...]:
-        """Pickle so that copies are checked and immutable too."""
+        """Pickle by way of the constructor, so that copies are checked and immutable too."""
         parts = (
             self.pairs,
             self.symmetric_pairs,
@@ -182,7 +186,7 @@ class Correspondence:
         return self
 
     def __repr__(self) -> str:
-        """Return a line with counts."""
+        """Return one line with the counts."""
         symmetric = "none" if self.symmetric_pairs is None else len(self.symmetric_pairs)
         soft = "" if self.weights is None else ", soft"
         named = "" if self.names is None else ", named"
@@ -191,19 +195,19 @@ class Correspondence:
 
     @classmethod
     def from_vertices(cls, points: object, symmetric: object | None = None) -> Self:
-        """Make a correspondence from the template point of each vertex; -1 where it is unknown.
+        """Make a correspondence from the template point of each vertex.
 
         Parameters
         ----------
         points : array-like of int, shape (n_vertices,)
-            Template point of each vertex of the shape, or -1.
+            Template point of each vertex of the shape; -1 where it is unknown.
         symmetric : array-like of int, shape (n_vertices,), optional
-            Template point whose symmetric counterpart each vertex is, or -1.
+            Template point whose symmetric counterpart each vertex is; -1 where it is unknown.
 
         Returns
         -------
         Correspondence
-            One pair per known vertex.
+            One pair for each vertex whose template point is known.
         """
         pairs, n_vertices = _enumerate(points, "points")
         if symmetric is None:
@@ -214,21 +218,22 @@ class Correspondence:
 
     @classmethod
     def from_template(cls, vertices: object, symmetric: object | None = None) -> Self:
-        """Make a correspondence from the vertex of each template point; -1 where it is unknown.
+        """Make a correspondence from the vertex of each template point.
 
-        This is what ``.vts`` files hold, once 1 is subtracted.
+        This is what ``.vts`` files hold, except that they count from 1.
 
         Parameters
         ----------
         vertices : array-like of int, shape (n_points,)
-            Vertex of the shape that each template point stands on, or -1.
+            Vertex of the shape at each template point, counted from 0; -1 where it is unknown.
         symmetric : array-like of int, shape (n_points,), optional
-            Vertex that the shape's symmetry takes it to, or -1 (what ``.sym.vts`` files hold).
+            Vertex that the symmetry of the shape sends it to, as in ``.sym.vts`` files; -1 where it
+            is unknown.
 
         Returns
         -------
         Correspondence
-            One pair per known template point.
+            One pair for each template point whose vertex is known.
         """
         swap = [1, 0]
         pairs, n_points = _enumerate(vertices, "vertices")
@@ -242,21 +247,21 @@ class Correspondence:
     def from_matrix(cls, matrix: object, symmetric: object | None = None) -> Self:
         """Make a correspondence from a soft matrix.
 
-        Each entry becomes a pair. Places between vertices are better given by `from_points`, or as
-        ``places``: one pair each.
+        Each non-zero entry becomes a pair. For points between vertices, prefer `from_points` or
+        ``places``, which need only one pair per point.
 
         Parameters
         ----------
         matrix : array-like or sparse, shape (n_vertices, n_points)
-            Row ``v`` holds how much vertex ``v`` stands on each template point. Non-negative; rows
-            need not sum to 1.
+            Non-negative weight of each template point (column) at each vertex (row). Rows need not
+            sum to 1.
         symmetric : array-like or sparse, shape (n_vertices, n_points), optional
             The same for the symmetric answer.
 
         Returns
         -------
         Correspondence
-            One weighted pair per non-zero entry.
+            One weighted pair for each non-zero entry.
         """
         pairs, weights, shape = _matrix_pairs(matrix, "matrix")
         n_vertices = shape[0]
@@ -281,35 +286,35 @@ class Correspondence:
         *,
         max_distance: float = 0.2,
     ) -> Self:
-        """Make a correspondence from measured points, each put onto the nearest face of the mesh.
+        """Make a correspondence from measured points, projected onto the nearest faces of the mesh.
 
         Parameters
         ----------
         points : array-like of shape (n_points, 3), or Landmarks
-            Coordinates in the units and the system of the mesh; point ``t`` is template point
-            ``t``. A row of NaN is missing on this shape.
+            Coordinates in the units and the coordinate system of the mesh. Point ``t`` is template
+            point ``t``. A row of NaN marks a point that is missing on this shape.
         mesh : Mesh, trimesh.Trimesh or (vertices, faces)
-            The shape as it is given to the pipeline. Faces that are not sound are left alone.
+            The shape as it is given to the pipeline. Faces that are not sound are ignored.
         names : sequence of str, optional
-            Name of each point. Those of `Landmarks` are taken as they are.
+            Name of each point. Leave it out for `Landmarks`, which have names.
         max_distance : float, default=0.2
-            Largest distance of a point from the surface, as a share of the largest extent of the
-            mesh.
+            Largest allowed distance of a point from the surface, as a fraction of the largest
+            extent of the mesh.
 
         Returns
         -------
         Correspondence
-            One pair per point that is not missing, with ``places``, ``coordinates`` and
+            One pair for each point that is not missing, with ``places``, ``coordinates`` and
             ``distance``.
 
         Raises
         ------
         CorrespondenceError
-            If a point lies farther than ``max_distance`` from the surface, or all of them lie off
-            it; the message says whether another unit or another system of coordinates would explain
-            that. Nothing is changed in silence.
+            If a point lies farther than ``max_distance`` from the surface, or the points as a whole
+            lie off it. The message says whether a different unit or coordinate system would explain
+            that; the points are never converted automatically.
         TypeError
-            If ``mesh`` is something else, for instance a path.
+            If ``mesh`` has another type, for instance if it is a path.
         MeshError
             If ``mesh`` has no sound face.
 
@@ -325,7 +330,7 @@ class Correspondence:
         """
         check_number(max_distance, "max_distance", low=0)
         if isinstance(points, Landmarks) and names is not None:
-            raise CorrespondenceError("Landmarks have names of their own; leave out names.")
+            raise CorrespondenceError("Landmarks already have names; leave out the argument names.")
         marks = points if isinstance(points, Landmarks) else Landmarks(points, names)
         on = mesh_arrays(mesh, marks.name)
         placed = np.flatnonzero(marks.placed)
@@ -344,14 +349,14 @@ class Correspondence:
 
     @property
     def corners(self) -> IntArray:
-        """Vertices that the pairs stand on: shape (n_pairs, 3) with ``places``, else one column."""
+        """Vertices of the pairs, of shape (n_pairs, 3) with ``places``, otherwise (n_pairs, 1)."""
         return self.pairs[:, :1] if self.places is None else self.places.corners
 
     @property
     def landmarks(self) -> Landmarks | None:
-        """The points as they were measured; None without ``coordinates``.
+        """The points as measured; None without ``coordinates``.
 
-        A template point without a name is called by its number, from 1.
+        Template points without names are named by number, counted from 1.
         """
         if self.coordinates is None:
             return None
@@ -362,7 +367,7 @@ class Correspondence:
 
     @property
     def known_names(self) -> tuple[str, ...]:
-        """Names of the template points that the shape has; none where they have no names."""
+        """Names of the template points that the shape has; empty if template points are unnamed."""
         has = set(self.pairs[:, 1].tolist())
         return tuple(name for t, name in enumerate(self.names or ()) if t in has)
 
@@ -377,28 +382,29 @@ class Correspondence:
         Parameters
         ----------
         other : Correspondence
-            Of S_0. Template points that are missing on either side drop out. Where both have names,
-            points of the same name are the same; ``points`` of the result are numbered as here.
+            Correspondence of S_0. Template points that are missing on either side drop out. If both
+            have names, points are joined by name, and ``points`` of the result are numbered as in
+            this correspondence.
         symmetric : bool
-            Whether to lead to the symmetric counterparts on S_0.
+            Whether to join with the symmetric pairs of S_0 instead.
 
         Returns
         -------
         JoinedPairs
-            In the order of this shape's pairs; empty if the two share no template point.
+            Pairs in the order of this shape's pairs; empty if the two share no template point.
 
         Raises
         ------
         CorrespondenceError
-            If ``symmetric`` and ``other`` has no symmetric answer, only one of the two has names,
-            or they have no name in common.
+            If ``symmetric`` is True and ``other`` has no symmetric answer, if only one of the two
+            has names, or if they have no name in common.
         """
         pairs_0, weights_0, places_0 = other.pairs, other.weights, other.places
         if symmetric:
             if other.symmetric_pairs is None:
                 raise CorrespondenceError(
-                    "The reference has no symmetric answer; give its Correspondence "
-                    "symmetric_pairs, or score directly."
+                    "The correspondence of the reference has no symmetric answer. Give it "
+                    "symmetric_pairs, or use a direct score."
                 )
             pairs_0, weights_0, places_0 = other.symmetric_pairs, other.symmetric_weights, None
         pairs_0 = _numbered_as(self.names, other.names, pairs_0)
@@ -425,17 +431,18 @@ class Correspondence:
         )
 
     def number_by(self, names: Sequence[str]) -> "Correspondence":
-        """Return the correspondence with template points numbered as their names are listed.
+        """Return the correspondence with template points renumbered by a list of names.
 
         Parameters
         ----------
         names : sequence of str
-            Names, all different. Points whose names are not among them drop out.
+            Unique names; the position of a name is the new number of its template point. Points
+            whose names are not in the list drop out.
 
         Returns
         -------
         Correspondence
-            With these names.
+            The same pairs, numbered by ``names``.
 
         Raises
         ------
@@ -459,26 +466,27 @@ class Correspondence:
         return self._with(pairs, symmetric, wanted)
 
     def renumber(self, vertex_map: object) -> "Correspondence":
-        """Return the correspondence of a shape whose vertices have other numbers now.
+        """Return the correspondence after the vertices of the shape have been renumbered.
 
         Parameters
         ----------
         vertex_map : array-like of int, shape (n_vertices,)
-            New number of each vertex, -1 where it is gone; from `skfmap.repair_mesh`.
+            New index of each vertex, or -1 if it was removed, as `skfmap.repair_mesh` returns it.
 
         Returns
         -------
         Correspondence
-            Pairs and symmetric pairs of the vertices that are left. A place between vertices is
-            left where half of its weight or more is at vertices that are; these share the rest.
+            Pairs and symmetric pairs of the vertices that remain. A place between vertices is kept
+            if at least half of its weight is at remaining vertices; its weights are then rescaled
+            to sum to 1.
 
         Raises
         ------
         CorrespondenceError
-            If ``vertex_map`` is of a mesh with another number of vertices, or holds numbers below
-            -1.
+            If ``vertex_map`` belongs to a mesh with another number of vertices, or holds a value
+            below -1.
         TypeError
-            If ``vertex_map`` holds anything but integers.
+            If ``vertex_map`` is not a one-dimensional array of integers.
 
         Examples
         --------
@@ -493,12 +501,13 @@ class Correspondence:
             )
         if new.min(initial=-1) < -1:
             raise CorrespondenceError(
-                f"vertex_map holds {new.min()}; the only negative value allowed is -1, for gone."
+                f"vertex_map holds {new.min()}; the only negative value allowed is -1, for a "
+                "removed vertex."
             )
         if self.n_vertices is not None and self.n_vertices != len(new):
             raise CorrespondenceError(
-                f"vertex_map is of a mesh of {len(new)} vertices, but this correspondence was "
-                f"made for {self.n_vertices}."
+                f"vertex_map belongs to a mesh of {len(new)} vertices, but this correspondence was "
+                f"made for a mesh of {self.n_vertices}."
             )
         check_index_range(self.pairs[:, 0], len(new), "The pairs")
         check_index_range(self.corners, len(new), "The places")
@@ -508,36 +517,36 @@ class Correspondence:
         if symmetric is not None:
             check_index_range(symmetric[:, 0], len(new), "The symmetric pairs")
             symmetric = np.column_stack([new[symmetric[:, 0]], symmetric[:, 1]])
-        # How many vertices there are now is not told: a mended mesh may have new ones at its end.
+        # The new number of vertices is unknown: a mended mesh may have extra ones at its end.
         moved = np.column_stack([vertices, self.pairs[:, 1]])
         return self._with(moved, symmetric, self.names, places=places, n_vertices=None)
 
     def restrict(self, points: object) -> "Correspondence":
-        """Return the correspondence on the given template points only.
+        """Return the correspondence restricted to some template points.
 
         Parameters
         ----------
         points : array-like of int or str
-            Template points to keep, for instance one half of the landmarks; by number, or by name.
+            Numbers or names of the template points to keep, for instance half of the landmarks.
 
         Returns
         -------
         Correspondence
-            Pairs and symmetric pairs on those points.
+            Pairs and symmetric pairs of those points.
 
         Raises
         ------
         TypeError
             If ``points`` holds anything but integers or names.
         CorrespondenceError
-            If a name is none of those that the template points have.
+            If names are given and a template point of that name does not exist.
         """
         kept = as_array(points, "points", TypeError)
         if kept.size and all(isinstance(one, str) for one in kept.flat):
             kept = _numbers_of(kept.ravel().tolist(), self.names)
         if not np.issubdtype(kept.dtype, np.integer):
             raise TypeError(
-                "points must be template points, an array of integers; got "
+                "points must hold numbers or names of template points; got "
                 f"{type(points).__name__}."
             )
         pairs, symmetric = self.pairs, self.symmetric_pairs
@@ -553,7 +562,7 @@ class Correspondence:
         names: tuple[str, ...] | None,
         **changes: Any,
     ) -> "Correspondence":
-        """Return the same with other pairs, row by row, without those that hold -1."""
+        """Return a copy with its pairs replaced row by row, dropping rows that hold -1."""
         rows = (pairs >= 0).all(axis=1)
         places = changes.get("places", self.places)
         more: dict[str, Any] = {
@@ -576,19 +585,19 @@ class Correspondence:
         )
 
 
-# What pickles of 0.1.0 do not have.
+# Fields that pickles of 0.1.0 do not have.
 _MORE = ("places", "names", "coordinates", "distance")
-# How far from 1 the weights of a place may sum.
+# Largest deviation from 1 of the sum of a place's weights.
 _ROUNDING = 1e-6
 
 
 def _renumbered(places: SurfacePlaces, new: IntArray) -> SurfacePlaces:
-    """Return places on vertices of other numbers; -1 throughout where most of a place is gone."""
+    """Return places on renumbered vertices; corners are -1 where most of a place was removed."""
     corners = new[places.corners]
     left = np.where(corners >= 0, places.weights, 0.0)
     whole = left.sum(axis=1, keepdims=True)
     moved = SurfacePlaces(corners, np.where(whole < 1 - _ROUNDING, left / _above_0(whole), left))
-    # A corner that is gone has no weight; a vertex has to stand there.
+    # A removed corner has no weight, but its entry still has to be a valid vertex.
     corners = np.where(corners >= 0, corners, moved.vertices[:, None])
     return SurfacePlaces(np.where(whole >= 0.5, corners, -1), moved.weights)
 
@@ -600,19 +609,19 @@ def _above_0(values: FloatArray) -> FloatArray:
 def _numbered_as(
     names: tuple[str, ...] | None, names_0: tuple[str, ...] | None, pairs_0: IntArray
 ) -> IntArray:
-    """Return pairs with their points, called ``names_0``, numbered as in ``names``, or -1."""
+    """Return pairs with the points in ``names_0`` numbered as in ``names``; -1 if not there."""
     if names == names_0:
         return pairs_0
     if names is None or names_0 is None:
         told = _told([*(names or ()), *(names_0 or ())])
         raise CorrespondenceError(
-            f"Of two correspondences, one names its template points ({told}) and the other does "
+            f"One of two correspondences names its template points ({told}) and the other does "
             "not. Give names to both, or to neither."
         )
     if not set(names) & set(names_0):
         raise CorrespondenceError(
-            f"Two correspondences have no name of a template point in common: {_told(names)} "
-            f"against {_told(names_0)}."
+            f"Two correspondences have no template point name in common: {_told(names)} against "
+            f"{_told(names_0)}. Check the spelling of the names."
         )
     number = {name: t for t, name in enumerate(names)}
     new = np.array([number.get(name, -1) for name in names_0], dtype=np.int64)
@@ -623,19 +632,19 @@ def _told(names: Sequence[str]) -> str:
     return ", ".join(names[:_MOST_TOLD]) + (", ..." if len(names) > _MOST_TOLD else "")
 
 
-# Names that a message lists.
+# Largest number of names listed in a message.
 _MOST_TOLD = 60
 
 
 def _numbers_of(chosen: list[str], names: tuple[str, ...] | None) -> IntArray:
     if names is None:
         raise CorrespondenceError(
-            "The template points have no names; give their numbers, or make the correspondence "
-            "with names."
+            "The template points have no names. Select them by number, or give names to the "
+            "Correspondence."
         )
     if strange := [name for name in chosen if name not in names]:
         raise CorrespondenceError(
-            f"No template point is called {_told(strange)}; there are {_told(names)}."
+            f"No template point is called {_told(strange)}. The names are {_told(names)}."
         )
     return np.array([names.index(name) for name in chosen], dtype=np.int64)
 
@@ -671,7 +680,10 @@ def _check_places(places: Any, pairs: IntArray) -> SurfacePlaces | None:
             f"{corners.dtype} of shape {corners.shape}."
         )
     if corners.min(initial=0) < 0:
-        raise CorrespondenceError(f"The corners of places hold the negative index {corners.min()}.")
+        raise CorrespondenceError(
+            f"The corners of places hold the negative index {corners.min()}; vertices are counted "
+            "from 0."
+        )
     weights = as_reals(places[1], "The weights of places", CorrespondenceError)
     if weights.shape != shape or not (weights >= 0).all():
         raise CorrespondenceError(
@@ -683,8 +695,8 @@ def _check_places(places: Any, pairs: IntArray) -> SurfacePlaces | None:
     if (at_vertex < weights.max(axis=1, initial=0.0)).any():
         wrong = int(np.flatnonzero(at_vertex < weights.max(axis=1))[0])
         raise CorrespondenceError(
-            f"Pair {wrong} is at vertex {pairs[wrong, 0]}, but its place has most weight at "
-            f"another corner: {corners[wrong].tolist()}, {weights[wrong].tolist()}."
+            f"Pair {wrong} is at vertex {pairs[wrong, 0]}, but its place has its largest weight at "
+            f"another corner: corners {corners[wrong].tolist()}, weights {weights[wrong].tolist()}."
         )
     return SurfacePlaces(read_only(np.array(corners, dtype=np.int64)), read_only(weights))
 
@@ -694,15 +706,17 @@ def _check_names(names: Any, pairs: IntArray, symmetric: IntArray | None) -> tup
         return None
     is_one = isinstance(names, str) or not hasattr(names, "__iter__")
     if is_one or not all(isinstance(name, str) for name in names):
-        raise CorrespondenceError(f"names must be a sequence of texts; got {names!r}.")
+        raise CorrespondenceError(f"names must be a sequence of strings; got {names!r}.")
     out = tuple(str(name) for name in names)
     if twice := sorted({name for name in out if out.count(name) > 1}):
-        raise CorrespondenceError(f"Several template points have one name: {', '.join(twice)}.")
+        raise CorrespondenceError(
+            f"Several template points have the same name: {', '.join(twice)}. Names must be unique."
+        )
     for each in (pairs, symmetric):
         if each is not None and each[:, 1].max(initial=-1) >= len(out):
             raise CorrespondenceError(
-                f"There are {len(out)} names, but pairs of template point {each[:, 1].max()}; "
-                "points are counted from 0."
+                f"There are {len(out)} names, but the pairs contain template point "
+                f"{each[:, 1].max()}. Points are counted from 0."
             )
     return out
 
@@ -711,8 +725,9 @@ def _check_once(points: IntArray) -> None:
     numbers, counts = np.unique(points, return_counts=True)
     if (counts > 1).any():
         raise CorrespondenceError(
-            f"Template point {numbers[counts > 1][0]} has {counts.max()} pairs with coordinates; "
-            "a point is measured once on a shape. Give one pair for each, or no coordinates."
+            f"Template point {numbers[counts > 1][0]} has {counts.max()} pairs with coordinates, "
+            "but a point is measured only once on a shape. Give one pair for each point, or leave "
+            "out the coordinates."
         )
 
 
@@ -728,9 +743,9 @@ def _check_rows(values: Any, shape: tuple[int, ...], who: str) -> FloatArray | N
 
 
 def _enumerate(values: object, who: str) -> tuple[IntArray, int]:
-    """Return rows [position, value] of a 1-D integer array, without -1 and what is masked.
+    """Return rows [position, value] of a 1-D integer array, and the length of the array.
 
-    The length of the array comes with them.
+    Masked entries and entries equal to -1 are left out.
     """
     array = as_array(
         values.filled(-1) if isinstance(values, np.ma.MaskedArray) else values,
@@ -752,7 +767,8 @@ def _enumerate(values: object, who: str) -> tuple[IntArray, int]:
 def _check_alike(one: object, other: object) -> None:
     if one != other:
         raise CorrespondenceError(
-            f"The symmetric answer must be as long as the other; got {one} and {other}."
+            "The symmetric answer must have the same size as the direct one; got "
+            f"{other} and {one}."
         )
 
 
@@ -787,14 +803,11 @@ def _check_weights(weights: object | None, n_pairs: int, who: str) -> FloatArray
 
 
 def _share_of_point(pairs: IntArray, weights: FloatArray | None) -> FloatArray:
-    """Return each pair's share of all weight on its template point.
-
-    Shares on one point sum to 1.
-    """
+    """Return the share of each pair in the total weight of its template point."""
     own = _ones_or(weights, len(pairs))
     if len(pairs) == 0:
         return own
-    _, point = np.unique(pairs[:, 1], return_inverse=True)  # template points may have any numbers
+    _, point = np.unique(pairs[:, 1], return_inverse=True)  # numbers may have gaps
     total = np.bincount(point, own)[point]
     return np.asarray(own / np.where(total > 0, total, 1.0))
 

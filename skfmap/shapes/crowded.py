@@ -1,4 +1,4 @@
-"""Numbers that stand for "none", and were taken for a point."""
+"""Detection of placeholder indices ("none") that were mistaken for real points."""
 
 import numpy as np
 
@@ -6,17 +6,17 @@ from skfmap._tools.types import IntArray
 
 __all__ = ["crowded_points"]
 
-# Such a number is shared by far more points than any other is: by this share of all, by this many
-# times the median, and by no fewer than so many. Meshes and templates whose numbers of points
-# differ by a factor of ten stay below the second.
+# A placeholder occurs far more often than any other index: in more than this share of all pairs,
+# more than this many times the median, and more than this many times in all. The second bound
+# tolerates a mesh and a template whose numbers of points differ by a factor of ten.
 _LARGE, _TIMES, _FEWEST = 0.02, 10, 5
 
 
 def crowded_points(vertices: IntArray, points: IntArray) -> str:
-    """Say which template point, or which vertex, has a share of the pairs that no sound one has.
+    """Describe the template point or vertex that occurs in implausibly many pairs.
 
-    It is a number that stands for "none", mostly 0, or the rim of a part whose nearest points were
-    looked up on a whole. Empty if there is none.
+    It is usually a placeholder for "none", mostly 0. It can also be a rim vertex of a partial shape
+    that was paired with its nearest points on a whole one. The text is empty if there is none.
 
     Examples
     --------

@@ -1,4 +1,4 @@
-"""The mesh that a shape came as."""
+"""The given mesh of a shape: name, counts, hash and source."""
 
 from dataclasses import dataclass, replace
 from typing import Any, Self
@@ -10,19 +10,19 @@ __all__ = ["GivenMesh"]
 
 @dataclass(frozen=True, eq=False, repr=False)
 class GivenMesh:
-    """The mesh that a shape came as: what it was, and where it is to be found again.
+    """Description of a given mesh, and where to find it again.
 
     Attributes
     ----------
     name : str or None
-        Its name.
+        Name of the mesh.
     n_vertices, n_faces : int
-        Counts.
+        Number of vertices and of faces.
     content_hash : str
-        Hash of its vertices and faces.
+        Hash of the vertices and faces.
     source : Mesh, trimesh.Trimesh, (vertices, faces), path or None
-        The caller's own object or file; None where nobody holds it. `skfmap.io.open_given` reads
-        it, and notices if it is another by now.
+        The caller's object or file; None if it is no longer available. `skfmap.io.open_given`
+        opens it, and raises an error if it has changed.
     """
 
     name: str | None
@@ -32,14 +32,14 @@ class GivenMesh:
     source: Any = None
 
     def __repr__(self) -> str:
-        """Return a line with name and counts."""
+        """Return one line with the name and the counts."""
         return f"GivenMesh({self.name!r}, n_vertices={self.n_vertices}, n_faces={self.n_faces})"
 
     def found_at(self, source: Any) -> "GivenMesh":
-        """Return the same, to be found in ``source``."""
+        """Return a copy with another ``source``."""
         return replace(self, source=source)
 
     @classmethod
     def of(cls, mesh: Mesh) -> Self:
-        """Return what says that a mesh is the given one."""
+        """Describe a mesh as the given mesh."""
         return cls(mesh.name, mesh.n_vertices, mesh.n_faces, mesh.content_hash, mesh)

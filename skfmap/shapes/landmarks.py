@@ -21,27 +21,27 @@ class Landmarks:
     Parameters
     ----------
     points : array-like of shape (n_landmarks, 3)
-        Coordinates, in the units and the system of the shape's mesh. Copied. A row of NaN is a
-        landmark that is missing on this shape.
+        Coordinates in the units and the coordinate system of the shape's mesh; copied. A row of NaN
+        marks a landmark that is missing on this shape.
     names : sequence of str, optional
-        One for each, all different; ``"1"``, ``"2"``, ... by default. Landmarks of the same name
-        correspond.
+        Unique names, one per landmark; ``"1"``, ``"2"``, ... by default. Landmarks with the same
+        name on different shapes correspond.
     name : str, optional
-        Of the shape.
+        Name of the shape.
     expected_error : array-like of shape (n_landmarks,), optional
-        Distance to expect between each point and where an observer would put it, in the units of
-        the mesh; None where they were not predicted.
+        Expected distance between each point and the point an observer would place, in the units of
+        the mesh. None for landmarks that were not predicted.
     radius : array-like of shape (n_landmarks,), optional
-        Of the ball around each point that holds the observer's as often as ``coverage`` says, in
-        the units of the mesh; None where there is none to promise.
+        Radius of the ball around each point that contains the observer's point with probability
+        ``coverage``, in the units of the mesh. None if it was not calibrated.
     coverage : float, optional
-        What ``radius`` promises, for instance 0.9.
+        Probability that ``radius`` stands for, for instance 0.9.
 
     Raises
     ------
     CorrespondenceError
-        If the numbers of points, names and errors differ, a name stands twice, or a coordinate is
-        infinite or known in part.
+        If the numbers of points, names and errors differ, a name occurs twice, a coordinate is
+        infinite, or a point has only some of its coordinates.
 
     Examples
     --------
@@ -82,7 +82,7 @@ class Landmarks:
             object.__setattr__(self, what, values)
 
     def __reduce__(self) -> tuple[Any, ...]:
-        """Pickle so that copies are checked and immutable too."""
+        """Pickle by way of the constructor, so that copies are checked and immutable too."""
         more = ("name", "expected_error", "radius", "coverage")
         return _landmarks, (self.points, self.names, {what: getattr(self, what) for what in more})
 
@@ -91,7 +91,7 @@ class Landmarks:
         return self
 
     def __repr__(self) -> str:
-        """Return a line with the shape's name and counts."""
+        """Return one line with the name of the shape and the counts."""
         missing = int((~self.placed).sum())
         says = f", {missing} missing" if missing else ""
         if self.expected_error is not None and self.placed.any():
@@ -103,19 +103,21 @@ class Landmarks:
 
     @property
     def placed(self) -> BoolArray:
-        """Which landmarks this shape has, an array of shape (n_landmarks,)."""
+        """Which landmarks are not missing; a boolean array of shape (n_landmarks,)."""
         return np.asarray(np.isfinite(self.points).all(axis=1))
 
     def point(self, name: str) -> FloatArray:
-        """Return the coordinates of one landmark, of shape (3,).
+        """Return the coordinates of one landmark, an array of shape (3,).
 
         Raises
         ------
         KeyError
-            If there is no landmark of that name.
+            If no landmark has that name.
         """
         if name not in self.names:
-            raise KeyError(f"There is no landmark {name!r}; there are {', '.join(self.names)}.")
+            raise KeyError(
+                f"No landmark is called {name!r}. The names are {', '.join(self.names)}."
+            )
         return self.points[self.names.index(name)]
 
 
@@ -129,20 +131,25 @@ def _points(points: npt.ArrayLike) -> FloatArray:
     odd = np.isinf(array).any(axis=1) | (unknown.any(axis=1) & ~unknown.all(axis=1))
     if odd.any():
         raise CorrespondenceError(
-            f"Row {int(np.flatnonzero(odd)[0])} of points is infinite or known in part; give three "
-            "numbers, or three times NaN where the landmark is missing."
+            f"Row {int(np.flatnonzero(odd)[0])} of points holds an infinite coordinate, or only "
+            "some of its coordinates. Give three finite numbers, or three NaN if the landmark is "
+            "missing."
         )
     return read_only(array)
 
 
 def _names(names: Any, n_points: int) -> tuple[str, ...]:
     if isinstance(names, str):
-        raise CorrespondenceError(f"names must be a sequence of names; got the text {names!r}.")
+        raise CorrespondenceError(f"names must be a sequence of names; got the string {names!r}.")
     given = [str(i + 1) for i in range(n_points)] if names is None else [str(n) for n in names]
     if len(given) != n_points:
-        raise CorrespondenceError(f"There are {n_points} points but {len(given)} names.")
+        raise CorrespondenceError(
+            f"There are {n_points} points but {len(given)} names; give one name per point."
+        )
     if twice := sorted({name for name in given if given.count(name) > 1}):
-        raise CorrespondenceError(f"Several landmarks have one name: {', '.join(twice)}.")
+        raise CorrespondenceError(
+            f"Several landmarks have the same name: {', '.join(twice)}. Names must be unique."
+        )
     return tuple(given)
 
 

@@ -22,67 +22,70 @@ __all__ = ["Match"]
 class Match:
     """A shape matched to the reference.
 
-    The two maps point opposite ways: ``functional_map`` pulls functions back from S_0 to S_i,
-    ``p2p`` sends points of S_i to S_0.
+    The two maps go in opposite directions: ``functional_map`` pulls functions back from S_0 to S_i,
+    and ``p2p`` sends vertices of S_i to vertices of S_0.
 
     Attributes
     ----------
     p2p : ndarray of int, shape (n_vertices_i,)
-        Point-to-point map: vertex of the reference S_0 for each vertex of S_i.
+        Point-to-point map: the vertex of the reference S_0 for each vertex of S_i; -1 where there
+        is no match.
     expected_error : ndarray of shape (n_vertices_i,) or None
-        Geodesic error to expect at each vertex of S_i, in units of sqrt(area) of the reference, as
-        calibrated on the training shapes; NaN where there is no match. None if the learner
+        Expected geodesic error at each vertex of S_i, in units of sqrt(area) of the reference,
+        calibrated on the training shapes. NaN where there is no match; None if the learner
         calibrates no errors (``confidence=None``).
     confidence : ndarray of shape (n_vertices_i,) or None
-        Between 0 and 1: how often a training vertex that looked like this one landed within 0.1
-        sqrt(area).
+        Number between 0 and 1: the fraction of similar training vertices that were matched to
+        within 0.1 sqrt(area) of their true point.
     functional_map : ndarray of shape (k, k)
         Full map X_i(D), from functions on S_0 to functions on S_i, on unit-area shapes.
     reduced_map : ndarray of shape (k, p)
-        X_i(D) Y_p.
+        Reduced map X_i(D) Y_p.
     name : str or None
         Name of S_i.
     reference_name : str or None
         Name of S_0.
     refined_map : ndarray of shape (n, n) or None
-        The functional map that the last step of the refinement matched points in; it runs as
-        ``functional_map`` does.
+        Functional map in which the last step of the refinement matched points. It has the same
+        direction as ``functional_map``.
     n_supporting : ndarray of int, shape (n_vertices_i,)
-        How many of the stable functions Y, the most stable first, agree that a vertex and its match
-        are one point.
+        Number of stable functions in Y, counted from the most stable, that agree that a vertex and
+        its match are the same point.
     matrix : sparse array of shape (n_vertices_i, n_vertices_0)
-        The point map as a matrix whose rows sum to 1: with one entry each, or barycentric or soft
-        if asked. It pulls functions on S_0 back to S_i.
+        Point-to-point map as a matrix whose rows sum to 1. Rows have one entry each, or are
+        barycentric or soft on request. The matrix pulls functions on S_0 back to S_i.
     inverse : ndarray of int, shape (n_vertices_0,)
-        Point map of the other direction: vertex of S_i for each vertex of S_0, found in the same
-        embedding.
+        Point-to-point map in the other direction: the vertex of S_i for each vertex of S_0, found
+        in the same embedding.
     reference_hash : str or None
         ``content_hash`` of the mesh of S_0.
     misfit : float
-        Mean distance between matched points of the embedding, in units of the worst training shape
-        that was left out. Beyond 1 ``expected_error`` is raised, and ``confidence`` lowered, by its
-        square.
+        Mean distance between matched points in the embedding, divided by that of the worst
+        training shape when it was left out. Above 1, ``expected_error`` is raised and
+        ``confidence`` lowered by its square.
     familiar : bool or None
-        Whether the shape is like the training shapes: False where `UnfamiliarShapeWarning` named
-        it. None if nothing tells: the learner calibrates no errors, and lays no mesh onto shapes.
+        Whether the shape is similar to the training shapes. False if an `UnfamiliarShapeWarning`
+        named it. None if this is not known, because the learner neither calibrates errors nor
+        registers meshes.
     covered : ndarray of bool, shape (n_vertices_0,), or None
-        Which vertices of the reference the shape shows; all where it is whole. None unless a
-        `skfmap.PartialMatcher` matched it.
+        Which vertices of the reference are present on the shape; all of them if it is whole. None
+        unless a `skfmap.PartialMatcher` matched it.
     covered_probability : ndarray of shape (n_vertices_0,) or None
-        How likely each of them is to be shown.
+        Probability that each vertex of the reference is present on the shape.
     scale : float or None
-        What the coordinates of the shape have to be multiplied by to be in the units of the
-        training shapes, where that was estimated (``PartialMatcher(scale="estimated")``).
+        Factor that converts the coordinates of the shape to the units of the training shapes, if it
+        was estimated (``PartialMatcher(scale="estimated")``).
     given, reference_given : GivenMesh or None
-        The meshes of S_i and S_0, or where they are to be found again; ``mesh`` and
+        The given meshes of S_i and S_0, or where to find them again; ``mesh`` and
         ``reference_mesh`` open them.
 
     Notes
     -----
-    A pickle of matches holds their meshes, some 70 bytes for each vertex, which is about as much as
-    the answers take; that of the reference once for all matches of a list. Of a mesh that was given
-    as a path, and thinned or mended, it holds the path alone, and the file is read again when it is
-    needed. ``dataclasses.replace(match, given=None, reference_given=None)`` leaves them out.
+    A pickle of matches contains their meshes, at about 70 bytes per vertex, which is roughly the
+    size of the results themselves. The mesh of the reference is stored once for all matches in a
+    list. A mesh that was given as a path and then thinned or mended is stored as that path, and the
+    file is read again when it is needed. To leave the meshes out, use
+    ``dataclasses.replace(match, given=None, reference_given=None)``.
     """
 
     p2p: IntArray
@@ -107,18 +110,18 @@ class Match:
 
     @property
     def mesh(self) -> Mesh:
-        """The mesh of S_i as it was given; of one that is broken, its sound faces.
+        """The given mesh of S_i; only its sound faces if the mesh is broken.
 
         Raises
         ------
         MeshError
-            If it is not known, or its file has changed since.
+            If the mesh is not known, or its file has changed since.
         """
         return outlets.open_mesh(self.given, "the mesh of the shape")
 
     @property
     def reference_mesh(self) -> Mesh:
-        """The mesh of S_0 as it was given; raises as ``mesh`` does."""
+        """The given mesh of S_0; raises the same errors as ``mesh``."""
         return outlets.open_mesh(self.reference_given, "the mesh of the reference")
 
     def save(
@@ -130,38 +133,39 @@ class Match:
         texture: Any = None,
         overwrite: bool = False,
     ) -> list[Path]:
-        """Write the match as other programs read it.
+        """Write the match to a file, or in several formats to a folder.
 
         ==================  =======================================================================
         ``.csv``            Columns ``vertex, reference_vertex, expected_error, confidence``, for
-                            spreadsheets and R. Vertices count from 0; -1 and blanks where there is
-                            no match.
-        ``.npz``            All arrays, for `numpy.load`; the matrix as its three parts.
+                            spreadsheets and R. Vertices are counted from 0. Where there is no
+                            match, the vertex is -1 and the other columns are blank.
+        ``.npz``            All arrays, for `numpy.load`. The matrix is stored as its three parts.
         ``.ply``            The shape in the colours of its match, with the expected error as
-                            ``quality`` (MeshLab), and it, the confidence and the vertex of the
-                            reference as scalars (CloudCompare).
+                            ``quality`` (MeshLab), and with the expected error, the confidence and
+                            the matched vertex as scalars (CloudCompare).
         ``.glb``            The shape in these colours, or with ``uv`` and ``texture``, for Blender.
         ``.vtp``, ``.vtk``  The shape with all arrays at its vertices, for ParaView.
-        ``.fcsv``,          ``landmarks`` carried to the shape, for 3D Slicer.
+        ``.fcsv``,          ``landmarks`` transferred to the shape, for 3D Slicer.
         ``.mrk.json``
         ==================  =======================================================================
 
         Parameters
         ----------
         path : str or Path
-            File, whose suffix chooses the format; or a folder, which is made, for ``NAME.csv``,
-            ``.npz``, ``.ply``, ``.glb`` and ``.vtp``, and ``.fcsv`` and ``.mrk.json`` if there are
-            landmarks.
+            A file, whose suffix selects the format; or a folder, which is created if needed and
+            gets ``NAME.csv``, ``.npz``, ``.ply``, ``.glb`` and ``.vtp``, and, if landmarks are
+            given, ``.fcsv`` and ``.mrk.json``.
         landmarks : Landmarks, optional
-            Of the reference, in the units of its mesh.
+            Landmarks of the reference, in the units of its mesh.
         uv : array-like of shape (n_vertices_0, 2), optional
-            Texture coordinates of the reference's vertices, which a ``.glb`` file gets instead of
-            colours; `skfmap.io.read_uv` reads those of an OBJ file. They are carried as `transfer`
-            does. Faces of the shape that lie across a seam of the texture show a strip of it.
-        texture : path or image of PIL, optional
-            What ``uv`` looks up.
+            Texture coordinates of the vertices of the reference. A ``.glb`` file then gets texture
+            coordinates, carried over as by `transfer`, instead of colours. Faces of the shape that
+            cross a seam of the texture show a strip of it. `skfmap.io.read_uv` reads the
+            coordinates of an OBJ file.
+        texture : path or PIL image, optional
+            Image that ``uv`` refers to.
         overwrite : bool, default=False
-            Whether files that are there may be replaced.
+            Whether existing files may be replaced.
 
         Returns
         -------
@@ -171,10 +175,10 @@ class Match:
         Raises
         ------
         FileExistsError
-            If there is such a file, and ``overwrite`` is False.
+            If a file exists and ``overwrite`` is False.
         ValueError
-            If the suffix is another, the landmarks are missing or lie far from the reference, or
-            single precision, which ``.glb`` has, cannot hold the mesh.
+            If the suffix is not supported, the landmarks are missing or lie far from the reference,
+            or the mesh cannot be stored in the single precision of ``.glb``.
         MeshError
             If a mesh is needed that the match does not know, or that has changed since.
 
@@ -199,21 +203,21 @@ class Match:
         return outlets.save_match(self, path, **extras, overwrite=overwrite)
 
     def plot(self, *, interactive: bool = False, **options: Any) -> Any:
-        """Draw the match: colours carried from the reference, and how far to trust them.
+        """Draw the match, coloured by the reference, with its expected error.
 
         Parameters
         ----------
         interactive : bool, default=False
-            Whether it is a page to turn the shapes in, which a notebook shows; plotly draws it
-            (``pip install 'skfmap[pages]'``).
+            Whether to make an interactive page, in which the shapes can be turned, instead of a
+            picture. Notebooks display it. It needs plotly (``pip install 'skfmap[pages]'``).
         **options : optional
-            As in `skfmap.plotting.plot_matches`: ``show``, ``errors``, ``camera``, ``align``, and
-            ``path`` for a picture.
+            Options of `skfmap.plotting.plot_matches`: ``show``, ``errors``, ``camera``, ``align``,
+            and, for a picture, ``path``.
 
         Returns
         -------
         matplotlib Figure or skfmap.plotting.Page
-            The picture, or the page.
+            The picture or the page.
         """
         return outlets.plot_match(self, interactive=interactive, **options)
 
@@ -223,31 +227,31 @@ class Match:
     def transfer(self, values: object, *, max_error: float | None = None) -> Any:
         """Carry a function, labels or texture coordinates from the reference to this shape.
 
-        Numbers are interpolated as ``matrix`` says. Labels (integers, booleans, strings) are voted
-        on with its weights.
+        Floating-point values are interpolated with the weights in ``matrix``. Labels (integers,
+        booleans, strings) are decided by a vote with the same weights.
 
         Parameters
         ----------
         values : array-like of shape (n_vertices_0,) or (n_vertices_0, n_columns)
-            What the vertices of the reference hold; labels one-dimensional.
-            Masked entries are unknown, and mask whatever they would reach.
+            Values or labels at the vertices of the reference. Masked entries count as unknown;
+            every vertex that depends on one is masked in the result.
         max_error : float, optional
-            Vertices with a larger ``expected_error``, in units of sqrt(area), are masked, as are
-            all without a match.
+            Vertices with a larger ``expected_error``, in units of sqrt(area), are masked. Vertices
+            without a match are always masked.
 
         Returns
         -------
         numpy.ma.MaskedArray of shape (n_vertices_i,) or (n_vertices_i, n_columns)
-            Values at the vertices of S_i. ``.data`` has all of them, ``.mask`` marks those that are
-            not trusted, and ``.filled(...)`` replaces them.
+            Values at the vertices of S_i. ``.data`` holds all values, ``.mask`` marks those not to
+            be trusted, and ``.filled(...)`` replaces them.
 
         Raises
         ------
         ValueError
-            If ``values`` does not have one entry for each vertex of the reference, or the match no
-            matrix.
+            If ``values`` does not have one entry for each vertex of the reference, or the match has
+            no matrix.
         TypeError
-            If ``values`` are Python objects of other kinds than text.
+            If ``values`` holds Python objects other than strings.
 
         Examples
         --------
@@ -264,7 +268,7 @@ class Match:
                     dtype='<U4')
         """
         if self.matrix is None:
-            raise ValueError("This Match holds no matrix; take it from a learner's match.")
+            raise ValueError("This Match has no matrix; use a match returned by skfmap.match.")
         unknown = np.ma.getmaskarray(values) if isinstance(values, np.ma.MaskedArray) else None
         given = _as_values(values.data if isinstance(values, np.ma.MaskedArray) else values)
         n_0 = self.matrix.shape[1]
@@ -292,23 +296,24 @@ class Match:
         return np.ma.MaskedArray(carried, mask)
 
     def to(self, other: "Match") -> tuple[IntArray, FloatArray | None]:
-        """Return the point map from this shape to another that was matched to the same reference.
+        """Return the point-to-point map to another shape that was matched to the same reference.
 
-        It goes over the reference's vertices, for two matches at hand. `skfmap.match_between` needs
-        the shapes and the model, errs less, and returns all that a match has.
+        The map composes two existing matches at the vertices of the reference.
+        `skfmap.match_between` needs the shapes and the model, but is more accurate and returns a
+        complete `Match`.
 
         Parameters
         ----------
         other : Match
-            Of the other shape.
+            Match of the other shape.
 
         Returns
         -------
         p2p : ndarray of int, shape (n_vertices_i,)
             Vertex of the other shape for each vertex of this one; -1 where either has no match.
         expected_error : ndarray of shape (n_vertices_i,) or None
-            Sum of the errors expected on both ways, in units of sqrt(area); NaN where there is no
-            match, None if a match has none.
+            Sum of the expected errors of both matches, in units of sqrt(area). NaN where there is
+            no match; None if one of the matches has no expected errors.
 
         Raises
         ------
@@ -317,14 +322,14 @@ class Match:
         """
         if self.matrix is None or other.matrix is None or other.inverse is None:
             raise ValueError(
-                "Both matches must come from a learner's match, with their matrices and inverses."
+                "Both matches need a matrix and an inverse; use matches returned by skfmap.match."
             )
         if self._reference() != other._reference():
             raise ValueError(
-                f"Both shapes must be matched to one reference; got {self.reference_name!r} and "
-                f"{other.reference_name!r}."
+                f"Both shapes must be matched to the same reference; got {self.reference_name!r} "
+                f"and {other.reference_name!r}."
             )
-        p2p = np.append(other.inverse, -1)[self.p2p]  # what is -1 finds the last
+        p2p = np.append(other.inverse, -1)[self.p2p]  # -1 selects the appended entry
         if self.expected_error is None or other.expected_error is None:
             return p2p, None
         return p2p, self.expected_error + np.append(other.expected_error, np.nan)[p2p]
@@ -339,11 +344,11 @@ class Match:
         return self.expected_error
 
     def _reference(self) -> tuple[str | None, str | None, int]:
-        """Return what tells references apart."""
+        """Return what identifies the reference."""
         return self.reference_name, self.reference_hash, self.matrix.shape[1]
 
     def _vote(self, labels: Any) -> Any:
-        """Return the label of most weight at each vertex; the first in order among equals."""
+        """Return the label with the largest weight at each vertex; ties go to the smallest."""
         kinds, kind_of = np.unique(labels, return_inverse=True)
         members = sp.coo_array(
             (np.ones(len(labels)), (np.arange(len(labels)), kind_of)),
@@ -352,7 +357,7 @@ class Match:
         return kinds[np.asarray((self.matrix @ members.tocsr()).todense()).argmax(axis=1)]
 
     def __repr__(self) -> str:
-        """Return a line with both names, the mean expected error, and how many have no match."""
+        """Return one line with both names, the mean expected error and the unmatched vertices."""
         errors = self.expected_error
         known = self.p2p >= 0 if errors is None else ~np.isnan(errors)
         n_known = int(known.sum())
@@ -367,15 +372,17 @@ class Match:
 
 
 def _as_values(values: object) -> Any:
-    """Return what is to be carried as an array.
+    """Return the values to carry over as an array.
 
-    Texts that pandas keeps as objects become texts of numpy.
+    Strings that pandas stores as objects become numpy strings.
     """
     given = as_array(values, "values")
     if given.dtype.kind not in "biufcSUO":
         raise TypeError(f"values must be numbers or labels; got dtype {given.dtype}.")
     if given.dtype.kind == "O":
         if not all(isinstance(value, str) for value in given.ravel()):
-            raise TypeError("values are Python objects; give numbers, or labels that are all text.")
+            raise TypeError(
+                "values holds Python objects; give numbers, or labels that are strings."
+            )
         return given.astype(str)
     return given

@@ -26,22 +26,22 @@ class Mesh:
     Parameters
     ----------
     vertices : array-like of shape (n_vertices, 3)
-        Coordinates, in any unit. Copied.
+        Coordinates, in any unit; copied.
     faces : array-like of int, shape (n_faces, 3)
-        Vertex numbers of each triangle, 0-based. Copied.
+        Vertex indices of each triangle, counted from 0; copied.
     name : str, optional
-        What messages and reports call the shape.
+        Name of the shape in messages and reports.
 
     Raises
     ------
     MeshError
-        If a coordinate is not finite, an index is out of range, a face is no triangle, or there is
-        nothing at all.
+        If a coordinate is not finite, an index is out of range, a face is not a triangle, or there
+        are no vertices or no faces.
 
     Notes
     -----
-    A mesh has no length, no shape and no array interface on purpose: scikit-learn slices whatever
-    looks like an array.
+    A mesh deliberately has no length, no shape and no array interface, because scikit-learn slices
+    whatever looks like an array.
 
     Examples
     --------
@@ -65,12 +65,12 @@ class Mesh:
         object.__setattr__(self, "faces", read_only(faces))
 
     def __repr__(self) -> str:
-        """Return a line with name and counts."""
+        """Return one line with the name and the counts."""
         name = "" if self.name is None else f"{self.name!r}, "
         return f"Mesh({name}n_vertices={self.n_vertices}, n_faces={self.n_faces})"
 
     def __reduce__(self) -> tuple[Any, ...]:
-        """Pickle what was given and nothing cached; copies are checked and immutable too."""
+        """Pickle by way of the constructor, without cached values."""
         return Mesh, (self.vertices, self.faces, self.name)
 
     def __deepcopy__(self, memo: object) -> Self:
@@ -95,18 +95,18 @@ class Mesh:
 
     @cached_property
     def content_hash(self) -> str:
-        """Hash of vertices and faces, not of the name: what caches are keyed by."""
+        """Hash of the vertices and faces, but not of the name; the key in caches."""
         return hash_of_arrays(self.vertices, self.faces)
 
     def _repr_html_(self) -> str:
         return outlets.html_of(self)
 
     def to_trimesh(self) -> Any:
-        """Return it as a `trimesh.Trimesh` of the same vertices in the same order, a copy."""
+        """Return a copy as a `trimesh.Trimesh`, with the same vertices in the same order."""
         return outlets.to_trimesh(self)
 
     def to_pyvista(self) -> Any:
-        """Return it as a `pyvista.PolyData`, a copy.
+        """Return a copy as a `pyvista.PolyData`.
 
         Raises
         ------

@@ -1,7 +1,7 @@
-"""What shapes hand to the layers above: they are saved, drawn and shown from where they are held.
+"""Methods of shapes that are implemented in the layers above: saving, drawing and display.
 
-The only module of this layer that knows those above it. It is imported by nobody outside this
-layer, and imports them when a person asks for a file or a picture, not before.
+This is the only module of this layer that uses layers above it. It imports them inside functions,
+when a file or a picture is requested, and is not used outside this layer.
 """
 
 from pathlib import Path
@@ -18,15 +18,16 @@ __all__ = ["html_of", "open_mesh", "plot_match", "save_match", "to_pyvista", "to
 
 
 def open_mesh(given: "GivenMesh | None", what: str) -> "Mesh":
-    """Return the mesh that a shape came as; of one that is broken, the faces that are sound."""
+    """Open a given mesh; return only the sound faces of one that is broken."""
     from skfmap.io import as_far_as_sound, open_given  # noqa: PLC0415
     from skfmap.shapes.mesh import Mesh  # noqa: PLC0415
 
     if given is None:
         raise MeshError(
             f"This Match does not know {what}: the shape was skipped, or the match was not made by "
-            "skfmap.match, or was saved before matches knew their meshes. Save it as .csv or .npz, "
-            "which need no mesh; to draw it, give the meshes to skfmap.plotting.plot_matches."
+            "skfmap.match, or it was saved before matches stored their meshes. Save it as .csv or "
+            ".npz, which need no mesh. To draw it, pass the meshes to "
+            "skfmap.plotting.plot_matches."
         )
     found = open_given(given)
     if isinstance(found, Mesh):
@@ -35,35 +36,35 @@ def open_mesh(given: "GivenMesh | None", what: str) -> "Mesh":
 
 
 def save_match(match: "Match", path: str | Path, **options: Any) -> list[Path]:
-    """Write a match as other programs read it."""
+    """Write a match in the formats of other programs."""
     from skfmap.io.matches import save_match as save  # noqa: PLC0415
 
     return save(match, path, **options)
 
 
 def plot_match(match: "Match", *, interactive: bool, **options: Any) -> Any:
-    """Draw a match: a figure of matplotlib, or a page to turn the shapes in."""
+    """Draw a match as a matplotlib figure or as an interactive page."""
     from skfmap.plotting import matches_page, plot_matches  # noqa: PLC0415
 
     return (matches_page if interactive else plot_matches)([match], **options)
 
 
 def html_of(item: Any) -> str:
-    """Return what a notebook shows of a shape, a match or a collection."""
+    """Return the HTML that a notebook shows for a shape, a match or a collection."""
     from skfmap.plotting._notebook import html_of as show  # noqa: PLC0415
 
     return show(item)
 
 
 def to_trimesh(mesh: "Mesh") -> Any:
-    """Return a mesh as trimesh holds it."""
+    """Return a mesh as a `trimesh.Trimesh`."""
     from skfmap.io.libraries import to_trimesh as convert  # noqa: PLC0415
 
     return convert(mesh)
 
 
 def to_pyvista(mesh: "Mesh") -> Any:
-    """Return a mesh as pyvista holds it."""
+    """Return a mesh as a `pyvista.PolyData`."""
     from skfmap.io.libraries import to_pyvista as convert  # noqa: PLC0415
 
     return convert(mesh)

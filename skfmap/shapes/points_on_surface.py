@@ -1,4 +1,4 @@
-"""Measured points put onto the surface of their shape, or an error that says what is wrong."""
+"""Projection of measured points onto the surface of their shape, with checks of plausibility."""
 
 from collections.abc import Sequence
 from typing import Any, NamedTuple
@@ -15,12 +15,13 @@ from skfmap.shapes.surface_places import SurfacePlaces
 
 __all__ = ["MeshArrays", "mesh_arrays", "put_on_surface"]
 
-# Share of the mesh's extent that the middle one of its landmarks may be away from it; those of
-# mouse skulls are at 0.002.
+# Largest plausible median distance of landmarks from their mesh, as a fraction of its extent; it
+# is 0.002 for mouse skulls.
 _AWAY = 0.05
-# From this share on, landmarks do not lie on the mesh if changed ones are so many times nearer.
+# Above the first median distance, landmarks are rejected if converted ones are that many times
+# nearer.
 _BESIDE, _NEARER = 0.01, 5.0
-# What a file may have wrong: a factor, and signs.
+# Conversions that a file may have missed: factors of units, and signs of axes.
 _UNITS = {
     1000.0: "metres against millimetres",
     100.0: "metres against centimetres",
@@ -28,12 +29,12 @@ _UNITS = {
     10.0: "centimetres against millimetres",
 }
 _LPS_RAS = np.array([-1.0, -1.0, 1.0])
-# Extents of landmarks, as shares of the mesh's, between which they may be of one specimen.
+# Range of plausible extents of the landmarks, as fractions of the extent of the mesh.
 _NARROWEST, _WIDEST = 0.1, 1.5
 
 
 class MeshArrays(NamedTuple):
-    """A mesh as it came, sound or not, with its name."""
+    """Vertices, faces and name of a given mesh, which need not be sound."""
 
     vertices: FloatArray
     faces: IntArray
@@ -41,22 +42,22 @@ class MeshArrays(NamedTuple):
 
 
 def mesh_arrays(mesh: Any, name: str | None = None) -> MeshArrays:
-    """Return the arrays of a `Mesh`, of what has ``vertices`` and ``faces``, or of a pair of them.
+    """Return the arrays of a `Mesh`, of an object with ``vertices`` and ``faces``, or of a pair.
 
     Raises
     ------
     TypeError
-        If it is something else, for instance a path.
+        If ``mesh`` has another type, for instance if it is a path.
     MeshError
-        If the arrays are no triangle mesh, or no face of it is sound.
+        If the arrays are not a triangle mesh, or none of its faces is sound.
     """
     if isinstance(mesh, Mesh):
         return _with_sound_face(MeshArrays(mesh.vertices, mesh.faces, mesh.name or name))
     given = (mesh.vertices, mesh.faces) if hasattr(mesh, "faces") else mesh
     if isinstance(given, str) or not isinstance(given, Sequence) or len(given) != 2:
         raise TypeError(
-            f"mesh must be a Mesh, a trimesh or (vertices, faces); got {type(mesh).__name__}. Read "
-            "files with skfmap.io.read_mesh."
+            "mesh must be a Mesh, a trimesh.Trimesh or (vertices, faces); got "
+            f"{type(mesh).__name__}. Read files with skfmap.io.read_mesh."
         )
     who = label(name)
     vertices = as_reals(given[0], f"The vertices of {who}", MeshError)
@@ -71,35 +72,40 @@ def mesh_arrays(mesh: Any, name: str | None = None) -> MeshArrays:
 
 def _with_sound_face(mesh: MeshArrays) -> MeshArrays:
     if not sound_faces(mesh.vertices, mesh.faces).any():
-        raise MeshError(f"{label(mesh.name)} has no sound face that a point could lie on.")
+        raise MeshError(
+            f"{label(mesh.name)} has no sound face that a point could lie on. Check the file."
+        )
     return mesh
 
 
 def put_on_surface(
     points: FloatArray, names: Sequence[str], mesh: MeshArrays, max_distance: float
 ) -> tuple[SurfacePlaces, FloatArray]:
-    """Return the places of a mesh that are nearest to points, and the distances from there.
+    """Return the places on a mesh nearest to some points, and the distances from the points.
 
     Parameters
     ----------
     points : ndarray of shape (n, 3)
         Finite coordinates.
     names : sequence of str
-        What messages call the points.
+        Names of the points in messages.
     mesh : MeshArrays
         The mesh.
     max_distance : float
-        Largest distance, as a share of the largest extent of the mesh.
+        Largest allowed distance, as a fraction of the largest extent of the mesh.
 
     Returns
     -------
-    places, distances : SurfacePlaces, ndarray of shape (n,)
-        Both on the mesh as it is.
+    places : SurfacePlaces
+        Nearest places on the given mesh.
+    distances : ndarray of shape (n,)
+        Distances of the points from them, in the units of the mesh.
 
     Raises
     ------
     CorrespondenceError
-        If all points lie off the surface, or one lies farther than ``max_distance`` away.
+        If the points as a whole lie off the surface, or one lies farther than ``max_distance``
+        away.
     """
     if len(points) == 0:
         return SurfacePlaces.at_vertices(np.empty(0, dtype=np.int64)), np.empty(0)
@@ -110,16 +116,16 @@ def put_on_surface(
     if len(far):
         told = ", ".join(f"{names[i]!r} ({found.distances[i] / extent:.0%})" for i in far.tolist())
         raise CorrespondenceError(
-            f"Of {label(mesh.name, 'shape')}, these landmarks lie farther from the surface than "
-            f"{max_distance:.0%} of its largest extent: {told}. A slip of the hand, or not placed? "
-            "Correct them, give NaN for what is missing, or raise max_distance of "
+            f"These landmarks of {label(mesh.name, 'shape')} lie farther from the surface than "
+            f"{max_distance:.0%} of its largest extent: {told}. They may be misplaced, or not "
+            "placed at all. Correct them, give NaN for missing ones, or raise max_distance of "
             "Correspondence.from_points."
         )
     return SurfacePlaces(found.corners, found.weights), found.distances
 
 
 def _check_all(points: FloatArray, distances: FloatArray, mesh: MeshArrays, extent: float) -> None:
-    """Raise where the points as a whole do not lie on the mesh."""
+    """Raise an error if the points as a whole do not lie on the mesh."""
     away = float(np.median(distances)) / extent
     if away <= _BESIDE:
         return
@@ -131,16 +137,17 @@ def _check_all(points: FloatArray, distances: FloatArray, mesh: MeshArrays, exte
         times = _extent(points) / extent
         sizes = "" if times <= _WIDEST else f" They span {times:.3g} times its extent."
         reason = (
-            f"{sizes} Another specimen's file, or a mesh that was moved, turned or scaled since?"
+            f"{sizes} Check that the file belongs to this specimen, and that the mesh was not "
+            "moved, rotated or scaled afterwards."
         )
     raise CorrespondenceError(
-        f"The landmarks do not lie on {label(mesh.name, 'shape')}: half of them are {away:.3g} "
-        f"times its largest extent away or more.{reason} Nothing was changed."
+        f"The landmarks do not lie on {label(mesh.name, 'shape')}: half of them are at least "
+        f"{away:.3g} times its largest extent away.{reason} Nothing was changed."
     )
 
 
 def _best_reason(points: FloatArray, mesh: MeshArrays, extent: float) -> tuple[float, str]:
-    """Return how far points are when units or signs are changed, and what that would mean."""
+    """Return the least median distance after a change of units or signs, and describe it."""
     tried = [(np.inf, "")]
     factors = {1.0: ""}
     for factor, units in _UNITS.items():

@@ -19,18 +19,18 @@ class ProbedShape:
     spectral : SpectralShape
         The shape and its basis.
     probes : ndarray of shape (n_components, n_probes)
-        Raw coefficients of the probe functions in ``spectral.evecs``: neither centred nor
+        Raw coefficients of the probe functions in ``spectral.evecs``, neither centred nor
         normalised.
     probe_names : tuple of str
-        Name of each probe function, equal on all shapes that one transformer made.
+        Name of each probe function; the same for all shapes from one transformer.
     probe_categories : tuple of str
         Family of each probe function.
     recipe : tuple of str
-        Parameters of the basis and of the families that the coefficients depend on. Shapes are
-        matched only if they agree, as far as they are known.
+        Parameters of the basis and of the families that the coefficients depend on. Shapes can
+        only be matched if their known parameters agree.
     reflected : bool
-        Whether this is the mirror image of the shape that was given. Its vertices have their
-        numbers, its coordinates are those of the image: the first one has changed its sign.
+        Whether this is the mirror image of the given shape. The order of the vertices is unchanged;
+        the first coordinate has the opposite sign.
     """
 
     spectral: SpectralShape
@@ -41,7 +41,7 @@ class ProbedShape:
     reflected: bool = False
 
     def __repr__(self) -> str:
-        """Return a line with name and counts."""
+        """Return one line with the name and the counts."""
         n_components, n_probes = self.probes.shape
         return f"ProbedShape({self.name!r}, n_components={n_components}, n_probes={n_probes})"
 
@@ -51,8 +51,11 @@ class ProbedShape:
         return self.spectral.name
 
     def functions(self) -> FloatArray:
-        """Return the probe functions on the vertices, smoothed by the basis.
+        """Return the probe functions at the vertices, projected onto the basis.
 
-        The array has shape (n_vertices, n_probes).
+        Returns
+        -------
+        ndarray of shape (n_vertices, n_probes)
+            Values at the vertices of the working mesh.
         """
         return np.asarray(self.spectral.evecs @ self.probes)

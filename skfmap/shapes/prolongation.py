@@ -13,20 +13,22 @@ __all__ = ["Prolongation"]
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Prolongation:
-    """Where each vertex of a given mesh lies on the working mesh: a face, and a point of it.
+    """Place of each vertex of a given mesh on the working mesh: a face, and a point on it.
 
     Attributes
     ----------
     face : ndarray of int32, shape (n_given,)
-        Face of the working mesh; -1 where there is nothing to say, as on a piece that was left out.
+        Face of the working mesh; -1 for a vertex without a place, for instance on a component that
+        was removed.
     coordinates : ndarray of float32, shape (n_given, 2)
-        Weights of the second and the third corner of that face; the first has the rest.
+        Weights of the second and third corners of that face. The weight of the first corner is 1
+        minus their sum.
 
     Notes
     -----
-    As a matrix, of shape (n_given, n_working), it has up to three entries in a row, which sum to 1,
-    or none. It takes functions on the working mesh to the given one. Twelve bytes for each given
-    vertex are kept; the matrix is made on demand.
+    The matrix of a prolongation, of shape (n_given, n_working), takes functions on the working mesh
+    to the given mesh. Each row has up to three entries, which sum to 1, or is empty. Only 12 bytes
+    per given vertex are stored; the matrix is built on demand.
 
     Examples
     --------
@@ -42,28 +44,28 @@ class Prolongation:
 
     @classmethod
     def packed(cls, face: IntArray, coordinates: FloatArray) -> "Prolongation":
-        """Return places in twelve bytes each; coordinates of those without one do not matter."""
+        """Pack places into 12 bytes each; coordinates where ``face`` is -1 are ignored."""
         known = np.where(face[:, None] >= 0, coordinates, 0.0)
         return cls(face.astype(np.int32), known.astype(np.float32))
 
     @classmethod
     def of_vertices(cls, vertex_map: IntArray, faces: IntArray) -> "Prolongation":
-        """Return that of a mesh whose vertices were only renumbered or removed.
+        """Return the prolongation of a mesh whose vertices were only renumbered or removed.
 
         Parameters
         ----------
         vertex_map : ndarray of int, shape (n_given,)
-            Working vertex of each given one, -1 where it was removed.
+            Working vertex of each given vertex; -1 if it was removed.
         faces : ndarray of int, shape (n_faces, 3)
-            Of the working mesh; every vertex has one.
+            Faces of the working mesh. Every vertex must belong to one.
 
         Returns
         -------
         Prolongation
-            One entry in each row.
+            Prolongation whose matrix has at most one entry in each row.
         """
         first = np.full(int(faces.max()) + 1, -1)
-        corners = faces.ravel()[::-1]  # the first face that has a vertex is written last
+        corners = faces.ravel()[::-1]  # reversed, so that the first face wins
         first[corners] = np.arange(faces.size)[::-1]
         at = np.where(vertex_map >= 0, first[vertex_map], -1)
         face, corner = np.where(at >= 0, at // 3, -1), at % 3
@@ -71,9 +73,10 @@ class Prolongation:
         return cls.packed(face, coordinates.astype(np.float64))
 
     def renumbered(self, vertex_map: IntArray) -> "Prolongation":
-        """Return that of the mesh whose vertices ``vertex_map`` takes to the given ones here.
+        """Return the prolongation of a finer mesh, given the map of its vertices to these.
 
-        ``vertex_map`` is -1 where a vertex was removed.
+        ``vertex_map`` holds, for each of its vertices, a given vertex of this prolongation, or -1
+        if the vertex was removed.
         """
         lost = vertex_map < 0
         face, coordinates = self.face[vertex_map], self.coordinates[vertex_map]
@@ -81,7 +84,7 @@ class Prolongation:
         return Prolongation(face, coordinates)
 
     def __repr__(self) -> str:
-        """Return a line with counts."""
+        """Return one line with the counts."""
         return f"Prolongation(n_given={len(self.face)}, n_placed={int(self.placed.sum())})"
 
     @property
@@ -91,7 +94,7 @@ class Prolongation:
 
     @property
     def one_each(self) -> bool:
-        """Whether every place is a vertex, as where a mesh was mended but not thinned."""
+        """Whether every place is at a vertex, as for a mesh that was mended but not thinned."""
         return bool(np.isin(self.coordinates[self.placed], (0.0, 1.0)).all())
 
     def matrix(
@@ -101,22 +104,24 @@ class Prolongation:
 
         Parameters
         ----------
-        faces, n_working : ndarray of int, shape (n_faces, 3), int
-            Faces and number of vertices of the working mesh.
+        faces : ndarray of int, shape (n_faces, 3)
+            Faces of the working mesh.
+        n_working : int
+            Number of vertices of the working mesh.
         given : ndarray of int, optional
-            Given vertices whose rows are wanted; all by default.
+            Given vertices whose rows to return; all by default.
 
         Returns
         -------
         sparse array of shape (n_given, n_working)
-            Rows sum to 1, or are empty.
+            Each row sums to 1 or is empty.
         """
         face = self.face if given is None else self.face[given]
         coordinates = self.coordinates if given is None else self.coordinates[given]
         placed = np.flatnonzero(face >= 0)
         last_two = coordinates[placed].astype(np.float64)
         weights = np.column_stack([np.maximum(1 - last_two.sum(axis=1), 0.0), last_two])
-        weights /= weights.sum(axis=1, keepdims=True)  # coordinates are in single precision
+        weights /= weights.sum(axis=1, keepdims=True)  # coordinates are single precision
         rows = np.repeat(placed, 3)
         matrix = sp.coo_array(
             (weights.ravel(), (rows, faces[face[placed]].ravel())), shape=(len(face), n_working)
@@ -125,7 +130,7 @@ class Prolongation:
         return matrix
 
     def nearest_corner(self, faces: IntArray, given: IntArray | None = None) -> IntArray:
-        """Return the working vertex of most weight for each given one; -1 where there is none."""
+        """Return the working vertex with the largest weight for each given vertex; -1 if none."""
         face = self.face if given is None else self.face[given]
         coordinates = self.coordinates if given is None else self.coordinates[given]
         weights = np.column_stack([1 - coordinates.sum(axis=1), coordinates])

@@ -1,4 +1,4 @@
-"""The reference's mesh in the form of another shape."""
+"""The mesh of the reference laid onto another shape."""
 
 from dataclasses import dataclass
 
@@ -14,36 +14,36 @@ __all__ = ["Registered"]
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Registered:
-    """The reference's mesh laid onto a shape: its vertices moved there, with the same faces.
+    """The mesh of the reference laid onto a shape: the same faces, with the vertices moved.
 
     Attributes
     ----------
     vertices : ndarray of shape (n_vertices_0, 3)
-        Of the reference's mesh as it was given, in the units and the place of the shape's mesh; NaN
-        if the shape was left out.
+        Moved vertices of the given mesh of the reference, in the units and the coordinate system of
+        the shape's mesh; NaN if the shape was skipped.
     faces : ndarray of int, shape (n_faces_0, 3)
-        Those of the reference. On a shape that was reflected they point inwards.
+        Faces of the reference. On a reflected shape they point inwards.
     distance : ndarray of shape (n_vertices_0,)
-        Of each vertex from the shape's surface as it was given, in its units.
+        Distance of each vertex from the surface of the given mesh of the shape, in its units.
     n_flipped : int
-        Faces of the working mesh that are folded over.
+        Number of faces of the working mesh that are folded over.
     off : float
-        Share of the reference's area that lies off the shape, by more than two edges of its working
-        mesh, or on it but facing the other way.
+        Fraction of the reference's area that lies off the shape by more than two edge lengths of
+        its working mesh, or lies on it but faces the other way.
     uncovered : float
-        Share of the shape's area that lies off the reference.
+        Fraction of the shape's area that the reference does not cover.
     stretched : float
-        Share of the reference's area that is stretched or compressed more than nearly all of the
-        training shapes'.
+        Fraction of the reference's area that is stretched or compressed more than nearly all of the
+        area on the training shapes.
     fits : bool
-        Whether ``off``, ``uncovered`` and ``stretched`` are like those of training shapes that were
-        left out. Where it is False, `UnfamiliarShapeWarning` has named the shape, and the mesh is
-        not to be trusted.
+        Whether ``off``, ``uncovered`` and ``stretched`` are as small as for training shapes when
+        they were left out. If False, an `UnfamiliarShapeWarning` named the shape, and the mesh
+        should not be trusted.
     name, reference_name : str or None
-        Of the shape and of the reference.
+        Names of the shape and of the reference.
     energy : float
-        What the deformation takes beyond what training shapes showed; without a unit. It tells
-        which of several ways to lie is right.
+        Dimensionless energy of the deformation beyond the variation seen in training. It is used to
+        choose among several candidate registrations.
     """
 
     vertices: FloatArray
@@ -59,7 +59,7 @@ class Registered:
     energy: float = float("nan")
 
     def __repr__(self) -> str:
-        """Return a line with the names and how well the reference fits."""
+        """Return one line with the names and the quality of the fit."""
         return (
             f"Registered({self.reference_name!r} on {self.name!r}, fits={self.fits}, "
             f"n_flipped={self.n_flipped}, off={self.off:.3f}, uncovered={self.uncovered:.3f}, "
@@ -71,13 +71,16 @@ class Registered:
 
     @property
     def mesh(self) -> Mesh:
-        """The mesh, named after the shape.
+        """The registered mesh, named after the shape.
 
         Raises
         ------
         MeshError
-            If the shape was left out, so that there is none.
+            If the shape was skipped, so that there is no registered mesh.
         """
         if not np.isfinite(self.vertices).all():
-            raise MeshError(f"{self.name!r} was left out: the reference lies nowhere on it.")
+            raise MeshError(
+                f"{self.name!r} was skipped, so it has no registered mesh. The warnings of the "
+                "pipeline say why."
+            )
         return Mesh(self.vertices, self.faces, self.name)

@@ -1,4 +1,4 @@
-"""What stands for a shape that cannot be used."""
+"""Placeholder for a shape that cannot be used."""
 
 from dataclasses import dataclass
 
@@ -7,10 +7,10 @@ __all__ = ["SetAside", "SkippedShape"]
 
 @dataclass(frozen=True, eq=False)
 class SkippedShape:
-    """What stands in X for a shape that cannot be used, so that the others keep their index.
+    """Placeholder in X for a shape that cannot be used, so that the others keep their indices.
 
-    `SpectralBasis` leaves it behind with ``on_invalid="skip"``, where nothing mends the mesh. It
-    goes through the pipeline as it is, is left out of a fit, and is answered with NaN and -1.
+    `SpectralBasis` with ``on_invalid="skip"`` returns it for a mesh that cannot be mended. It
+    passes through the pipeline unchanged, is left out of fits, and its results are NaN and -1.
 
     Attributes
     ----------
@@ -19,7 +19,7 @@ class SkippedShape:
     reason : str
         Why it cannot be used.
     n_vertices : int
-        Number of vertices; 0 if that is not known.
+        Number of vertices; 0 if it is not known.
     """
 
     name: str | None
@@ -28,7 +28,7 @@ class SkippedShape:
 
 
 class SetAside(SkippedShape):
-    """What stands in X for a mesh that another part of a model answers.
+    """Placeholder in X for a mesh that another part of a model handles.
 
-    The others keep their index so; nothing warns of it, and every transformer passes it on.
+    It keeps the indices of the others. No warning is given, and all transformers pass it on.
     """

@@ -21,34 +21,34 @@ __all__ = ["SpectralShape"]
 class SpectralShape:
     """A shape of unit area with its first Laplacian eigenfunctions.
 
-    It lives on a *working mesh*, which is the given mesh where that is sound and small.
+    All quantities are on the *working mesh*, which is the given mesh if that is sound and small.
 
     Attributes
     ----------
     mesh : Mesh
-        The working mesh, in its own units. Its faces are wound consistently and outwards where that
-        can be told (``oriented`` says so); otherwise they are as given.
+        The working mesh, in its own units. Its faces are oriented consistently and outwards if that
+        can be determined (see ``oriented`` and ``outward``); otherwise they are as given.
     evals : ndarray of shape (n_components,)
         Eigenvalues of the Laplacian of the shape scaled to unit area, ascending; ``evals[0]`` is 0.
     evecs : ndarray of shape (n_vertices, n_components)
         Eigenfunctions, orthonormal with respect to ``mass``. The first is the constant 1.
     mass : ndarray of shape (n_vertices,)
-        Lumped mass matrix (its diagonal) at unit area; sums to 1.
+        Diagonal of the lumped mass matrix at unit area; sums to 1.
     stiffness : sparse array of shape (n_vertices, n_vertices)
-        Stiffness matrix, positive semi-definite; it does not depend on the scale.
+        Stiffness matrix, positive semi-definite and independent of scale.
     area : float
         Area of ``mesh`` in its own units.
     oriented : bool
-        Whether all faces are wound consistently.
+        Whether all faces are oriented consistently.
     outward : bool
-        Whether they are known to point outwards.
+        Whether the faces are known to point outwards.
     laplacian : str
-        Which Laplacian the eigenfunctions are of.
+        The Laplacian that the eigenfunctions belong to.
     prolongation : Prolongation or None
-        Where each given vertex lies on the working mesh. None where the working mesh is the given
-        one, vertex by vertex.
+        Place of each given vertex on the working mesh. None if the working mesh has the vertices of
+        the given mesh.
     given : GivenMesh or None
-        The mesh that was given. None where it is ``mesh`` itself.
+        The given mesh. None if it is ``mesh`` itself.
     """
 
     mesh: Mesh
@@ -64,7 +64,7 @@ class SpectralShape:
     given: GivenMesh | None = None
 
     def __repr__(self) -> str:
-        """Return a line with name and counts."""
+        """Return one line with the name and the counts."""
         counts = f"n_vertices={self.mesh.n_vertices}, n_components={len(self.evals)}"
         return f"SpectralShape({self.mesh.name!r}, {counts})"
 
@@ -75,32 +75,32 @@ class SpectralShape:
 
     @property
     def n_components(self) -> int:
-        """Number of eigenfunctions held."""
+        """Number of eigenfunctions."""
         return len(self.evals)
 
     @property
     def vertices(self) -> FloatArray:
-        """Coordinates scaled to unit area, shape (n_vertices, 3)."""
+        """Coordinates of the working mesh scaled to unit area, of shape (n_vertices, 3)."""
         return np.asarray(self.mesh.vertices / np.sqrt(self.area))
 
     @property
     def evals_in_mesh_units(self) -> FloatArray:
-        """Eigenvalues of the mesh as given, in 1 / squared units of its coordinates."""
+        """Eigenvalues without scaling to unit area, in 1 / squared units of the coordinates."""
         return np.asarray(self.evals / self.area)
 
     @property
     def n_given(self) -> int:
-        """Number of vertices of the given mesh, which answers are on."""
+        """Number of vertices of the given mesh, on which results are returned."""
         return self.mesh.n_vertices if self.prolongation is None else len(self.prolongation.face)
 
     @property
     def keeps_vertices(self) -> bool:
-        """Whether the given vertices that have a place are vertices of the working mesh."""
+        """Whether all given vertices that have a place are vertices of the working mesh."""
         return self.prolongation is None or self.prolongation.one_each
 
     @property
     def given_hash(self) -> str:
-        """Hash of the given mesh, whatever its name."""
+        """Hash of the given mesh; independent of its name."""
         return self.mesh.content_hash if self.given is None else self.given.content_hash
 
     @property
@@ -120,14 +120,14 @@ class SpectralShape:
         given : ndarray of int, shape (n,)
             Vertices of the given mesh.
         n_components : int
-            How many functions.
+            Number of eigenfunctions.
         places : SurfacePlaces, optional
-            Places on the given mesh where they are wanted instead; means over their corners.
+            Places on the given mesh to use instead; values are weighted means over their corners.
 
         Returns
         -------
         ndarray of shape (n, n_components)
-            Their values; 0 at vertices without a place.
+            Values of the eigenfunctions; 0 at vertices without a place on the working mesh.
         """
         if places is not None:
             return places.means(self.evecs_at(places.corners.ravel(), n_components))
@@ -137,13 +137,13 @@ class SpectralShape:
         return np.asarray(rows @ self.evecs[:, :n_components])
 
     def placed(self, given: IntArray) -> BoolArray:
-        """Return which of some given vertices have a place on the working mesh."""
+        """Return which of the given vertices have a place on the working mesh."""
         if self.prolongation is None:
             return np.ones(len(given), dtype=bool)
         return np.asarray(self.prolongation.face[given] >= 0)
 
     def places_of(self, given: IntArray) -> tuple[IntArray, FloatArray]:
-        """Return the places of some given vertices: working vertices and weights, both (n, 3)."""
+        """Return the places of given vertices: working vertices and weights, both (n, 3)."""
         if self.prolongation is None:
             return np.repeat(given[:, None], 3, axis=1), np.tile([1.0, 0, 0], (len(given), 1))
         face = self.prolongation.face[given]
@@ -160,12 +160,12 @@ class SpectralShape:
         given : ndarray of int, shape (n,)
             Vertices of the given mesh.
         places : SurfacePlaces, optional
-            Places on its faces; these are then asked about.
+            Places on the faces of the given mesh, to use instead of ``given``.
 
         Returns
         -------
         sparse array of shape (n, n_vertices)
-            Weights of working vertices.
+            Weights of the working vertices.
         """
         corners, weights = self.places_of(given if places is None else places.corners.ravel())
         n = len(given)
@@ -177,22 +177,22 @@ class SpectralShape:
         return sp.coo_array((weights.ravel(), (rows, corners.ravel())), shape=shape).tocsr()
 
     def vertices_at(self, given: IntArray, places: SurfacePlaces | None = None) -> FloatArray:
-        """Return where these lie on the working mesh at unit area, shape (n, 3).
+        """Return coordinates of given vertices or places on the working mesh at unit area.
 
-        The parameters are those of `place_matrix`.
+        The parameters are those of `place_matrix`; the result has shape (n, 3).
         """
         return np.asarray(self.place_matrix(given, places) @ self.vertices)
 
     def working_vertices(self, given: IntArray) -> IntArray:
-        """Return the working vertex nearest to each of some given vertices; -1 without a place."""
+        """Return the working vertex nearest to each given vertex; -1 if it has no place."""
         if self.prolongation is None:
             return np.asarray(given, dtype=np.int64)
         return self.prolongation.nearest_corner(self.mesh.faces, given)
 
     def given_vertices(self) -> IntArray:
-        """Return the given vertex nearest to each working one on its faces; -1 where none is.
+        """Return the given vertex nearest to each working vertex on its faces; -1 if there is none.
 
-        Where mending cut a vertex in two, both have the one that was given.
+        If mending split a vertex in two, both halves have the same given vertex.
         """
         if self.prolongation is None:
             return np.arange(self.mesh.n_vertices)
@@ -206,14 +206,14 @@ class SpectralShape:
         return np.where(weights > 0, nearest, -1)
 
     def prolong(self, values: FloatArray, empty: float = np.nan) -> FloatArray:
-        """Bring values from the working mesh to the given one.
+        """Carry values from the working mesh to the given mesh.
 
         Parameters
         ----------
         values : ndarray of shape (n_vertices,) or (n_vertices, n_columns)
             Values at the working vertices.
         empty : float, default=nan
-            What given vertices without a place get.
+            Value at given vertices without a place.
 
         Returns
         -------
@@ -227,10 +227,10 @@ class SpectralShape:
         return carried
 
     def restrict(self, values: npt.ArrayLike) -> FloatArray:
-        """Bring values from the given mesh to the working one: the way for functions of your own.
+        """Carry values from the given mesh to the working mesh, for instance your own functions.
 
-        Each working vertex gets the mean of the given vertices around it, weighted as the
-        prolongation weighs them; one without any gets the mean of its neighbours.
+        Each working vertex gets the mean over the given vertices around it, weighted by the
+        prolongation. A working vertex without any gets the mean of its neighbours.
 
         Parameters
         ----------
@@ -245,7 +245,7 @@ class SpectralShape:
         Raises
         ------
         ValueError
-            If there is not one value, or row, for each given vertex.
+            If ``values`` does not have one entry or row for each given vertex.
 
         Examples
         --------
@@ -259,8 +259,8 @@ class SpectralShape:
         given = as_reals(values, "values")
         if given.ndim not in (1, 2) or len(given) != self.n_given:
             raise ValueError(
-                f"values must have one entry or row for each of the {self.n_given} vertices that "
-                f"{self.name!r} was given with; got shape {given.shape}."
+                f"values must have one entry or row for each of the {self.n_given} vertices of the "
+                f"given mesh of {self.name!r}; got shape {given.shape}."
             )
         if self.prolongation is None:
             return given
@@ -268,7 +268,7 @@ class SpectralShape:
         columns = given.reshape(len(given), -1)
         sums = np.asarray(back @ columns, dtype=np.float64)
         weights = np.asarray(back.sum(axis=1), dtype=np.float64).ravel()
-        # Where no given vertex is, neighbours that have some lend theirs, ring by ring.
+        # Fill working vertices without given vertices from their neighbours, ring by ring.
         neighbours = adjacency(self.mesh.faces, self.mesh.n_vertices)
         while (weights <= 0).any():
             empty = weights <= 0
@@ -279,12 +279,12 @@ class SpectralShape:
         return np.asarray((sums / weights[:, None]).reshape(-1, *given.shape[1:]))
 
     def truncate(self, n_components: int) -> "SpectralShape":
-        """Return the same shape with its first ``n_components`` eigenfunctions only."""
+        """Return the shape with only its first ``n_components`` eigenfunctions."""
         return replace(self, evals=self.evals[:n_components], evecs=self.evecs[:, :n_components])
 
 
 def adjacency(faces: IntArray, n_vertices: int) -> SparseMatrix:
-    """Return which vertices share an edge, as a sparse array of ones."""
+    """Return the vertex adjacency as a sparse array of ones."""
     ends = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]]).T
     both = np.concatenate([ends, ends[::-1]], axis=1)
     links = sp.coo_array((np.ones(both.shape[1]), both), shape=(n_vertices, n_vertices)).tocsr()
@@ -293,5 +293,5 @@ def adjacency(faces: IntArray, n_vertices: int) -> SparseMatrix:
 
 
 def _normalised(weights: FloatArray) -> FloatArray:
-    """Return weights whose rows sum to 1, which single precision leaves open."""
+    """Return weights with rows rescaled to sum to 1, which single precision does not ensure."""
     return np.asarray(weights / weights.sum(axis=1, keepdims=True))

@@ -1,4 +1,4 @@
-"""Places on the faces of a mesh, of which vertices are a special case."""
+"""Places on the faces of a mesh; vertices are a special case."""
 
 from typing import NamedTuple
 
@@ -15,9 +15,9 @@ class SurfacePlaces(NamedTuple):
     Attributes
     ----------
     corners : ndarray of int, shape (n, 3)
-        Vertices of the face that each place is in.
+        Vertices of the face that each place lies on.
     weights : ndarray of shape (n, 3)
-        Of the corners: not negative, and 1 together.
+        Weights of the corners, non-negative with sum 1.
 
     Examples
     --------
@@ -33,21 +33,24 @@ class SurfacePlaces(NamedTuple):
 
     @classmethod
     def at_vertices(cls, vertices: IntArray) -> "SurfacePlaces":
-        """Return the places of vertices."""
+        """Return places at vertices."""
         corners = np.repeat(np.asarray(vertices)[:, None], 3, axis=1)
         return cls(corners, np.tile([1.0, 0.0, 0.0], (len(corners), 1)))
 
     @property
     def vertices(self) -> IntArray:
-        """The corner of most weight of each place, shape (n,)."""
+        """Corner with the largest weight of each place, of shape (n,)."""
         most = self.weights.argmax(axis=1)
         return np.asarray(np.take_along_axis(self.corners, most[:, None], axis=1)[:, 0])
 
     def take(self, rows: IntArray) -> "SurfacePlaces":
-        """Return some of the places, by their numbers or a mask."""
+        """Return the places selected by row indices or a mask."""
         return SurfacePlaces(self.corners[rows], self.weights[rows])
 
     def means(self, values: FloatArray) -> FloatArray:
-        """Return means over corners, shape (n, n_columns), of values of shape (3 n, n_columns)."""
+        """Return weighted means over corners, of shape (n, n_columns).
+
+        ``values`` has shape (3 n, n_columns): the values at the corners, place by place.
+        """
         by_corner = values.reshape(*self.corners.shape, -1)
         return np.asarray(np.einsum("nc,ncd->nd", self.weights, by_corner))

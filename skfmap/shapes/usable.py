@@ -1,4 +1,4 @@
-"""The shapes of X that can be used, and those that are skipped, each at its index."""
+"""Bookkeeping of usable and skipped shapes in X, by index."""
 
 from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple, TypeAlias
@@ -26,13 +26,13 @@ __all__ = [
 ]
 
 
-# What the learner's X and y hold.
+# Items of the learner's X and y.
 ProbedItem: TypeAlias = ProbedShape | SkippedShape
 Answer: TypeAlias = Correspondence | npt.NDArray[np.integer[Any]] | Sequence[Sequence[int]]
 
 
 class Usable(NamedTuple):
-    """The shapes of X that can be used, their indices in X, and the others by index."""
+    """The usable shapes of X, their indices in X, and the skipped shapes by index."""
 
     shapes: list[Any]
     indices: list[int]
@@ -40,7 +40,7 @@ class Usable(NamedTuple):
 
 
 def pick_usable(X: Sequence[Any]) -> Usable:
-    """Return the shapes that can be used and their indices, and the others by index."""
+    """Split X into usable shapes with their indices, and skipped shapes by index."""
     skipped = {i: shape for i, shape in enumerate(X) if isinstance(shape, SkippedShape)}
     indices = [i for i in range(len(X)) if i not in skipped]
     return Usable([X[i] for i in indices], indices, skipped)
@@ -49,25 +49,22 @@ def pick_usable(X: Sequence[Any]) -> Usable:
 def put_back(
     answers: Sequence[Any], usable: Usable, empty: Callable[[SkippedShape], Any]
 ) -> list[Any]:
-    """Return the answers in the order of X; ``empty(shape)`` stands for those skipped."""
+    """Return the answers in the order of X, with ``empty(shape)`` for each skipped shape."""
     known = dict(zip(usable.indices, answers, strict=True))
     known |= {i: empty(shape) for i, shape in usable.skipped.items()}
     return [known[i] for i in range(len(known))]
 
 
 def describe(i: int, shape: object) -> str:
-    """Return what messages call the shape at index ``i`` of X.
-
-    That is the caller's numbering, and the name if it has one.
-    """
+    """Return how messages refer to the shape at index ``i`` of X: by index, and name if any."""
     name = getattr(shape, "name", None)
     return f"X[{i}]" if name is None else f"X[{i}] ({name!r})"
 
 
 def skipped_message(shapes: Sequence[Any], told: Sequence[Any] = ()) -> str:
-    """Return which shapes are left out and why, or nothing.
+    """Return a message that names skipped shapes and the reasons; empty if there are none.
 
-    Those skipped in ``told`` have been named before.
+    Shapes that are also skipped in ``told`` were reported before and are not repeated.
     """
     before = {i for i, shape in enumerate(told) if isinstance(shape, SkippedShape)}
     skipped = [
@@ -82,15 +79,15 @@ def skipped_message(shapes: Sequence[Any], told: Sequence[Any] = ()) -> str:
 
 
 def warn_of_skipped(shapes: Sequence[Any], told: Sequence[Any] = ()) -> None:
-    """Name the shapes that are left out, and why, but for those in ``told``."""
+    """Warn of skipped shapes, except those that were already skipped in ``told``."""
     if message := skipped_message(shapes, told):
         warn(message, SkippedShapeWarning)
 
 
 def warn_of_repairs(made: Sequence[tuple[Any, str]]) -> None:
-    """Name the shapes that were mended, and say what was done."""
+    """Warn of shapes that were mended or thinned, and say what was done."""
     told = [f"{label(shape.name, 'shape')}: {done}" for shape, done in made if done]
     if told:
         only_thinned = all(done.startswith("thinned") for _, done in made if done)
-        head = "Of thinned meshes" if only_thinned else "Meshes were mended"
+        head = "Meshes were thinned" if only_thinned else "Meshes were mended"
         warn(f"{head}{':' if only_thinned else '.'} {'; '.join(told)}.", RepairWarning)
