@@ -18,6 +18,7 @@ from skfmap.exceptions import (
     OrientationWarning,
     RepairWarning,
     SkippedShapeWarning,
+    StabilityWarning,
     UnfamiliarShapeWarning,
 )
 from skfmap.functional.samples import farthest_points
@@ -487,14 +488,39 @@ def test_whole_shapes_in_other_units_need_no_estimate(matcher, creatures):
         assert found.scale is None
 
 
-def test_a_kind_is_sided_if_nearly_all_of_its_parts_are_unlike_their_images():
-    scores = np.linspace(-8.0, -4.0, 21)
-    assert Sides.learned(scores, scores - 3.0).sided
+def test_a_kind_is_sided_if_nearly_all_of_many_parts_are_unlike_their_images():
+    scores = np.linspace(-8.0, -4.0, 20)
+    unlike = np.where(np.arange(20) < 3, scores, scores - 3.0)
+    assert Sides.learned(scores, unlike).sided
+    assert not Sides.learned(scores[:7], scores[:7] - 3.0).sided
     assert not Sides.learned(scores, scores[::-1]).sided
-    assert not Sides.learned(scores, scores - 0.5).sided
-    few = np.where(np.arange(21) < 5, scores, scores - 3.0)
-    assert not Sides.learned(scores, few).sided
-    assert Sides.learned(scores, scores - 3.0).usual == pytest.approx(-6.0)
+    assert not Sides.learned(scores, np.where(np.arange(20) < 5, scores, scores - 3.0)).sided
+    assert Sides.learned(scores, unlike).usual == pytest.approx(-6.0)
+
+
+def ribbon(mesh):
+    """Return a body as a flat ribbon that is turned about its axis, always to one side."""
+    x, y, z = (mesh.vertices * [1.5, 1.0, 0.35]).T
+    c, s = np.cos(1.5 * x), np.sin(1.5 * x)
+    return Mesh(np.column_stack([x, c * y - s * z, s * y + c * z]), mesh.faces, mesh.name)
+
+
+def test_mirror_images_of_a_sided_kind_are_told(collection):
+    pipeline = make_pipeline(
+        skfmap.SpectralBasis(30),
+        skfmap.DescriptorTransformer(),
+        skfmap.WeightedFunctionalMapLearner(n_functions=15, confidence=None),
+    )
+    ribbons = [ribbon(mesh) for mesh in collection.meshes]
+    model = PartialMatcher(pipeline, cuts="planes", n_cuts=3, n_calibrated=3)
+    model.fit(ribbons[:5], collection.truths[:5])
+    assert model.sides_.sided
+    scan = PlaneCut(0.7, 0.7).cut(ribbons[5], np.random.default_rng(0))
+    image = Mesh(scan.vertices * [1, -1, 1], scan.faces[:, ::-1], "image")
+    with pytest.warns(OrientationWarning, match=r"As mirror images.*X\[1\] \('image'\)"):
+        right, mirrored = skfmap.match(model, [scan, image])
+    assert right.familiar
+    assert mirrored.familiar is False
 
 
 @pytest.fixture(scope="module")
@@ -564,6 +590,17 @@ def test_wrong_parameters(given, error, message, creatures, pipeline):
 def test_too_few_shapes(creatures, pipeline):
     with pytest.raises(ValueError, match="needs the reference and two more"):
         PartialMatcher(pipeline).fit(creatures.meshes[:2], creatures.correspondences[:2])
+
+
+def test_three_shapes_are_few_and_a_weight_of_nothing_leaves_one_out(creatures, pipeline, scan):
+    model = PartialMatcher(pipeline, cuts="planes", n_cuts=1, n_calibrated=1)
+    with pytest.warns(StabilityWarning, match="from 2 shapes beside the reference") as told:
+        model.fit(creatures.meshes[:4], creatures.correspondences[:4], [0, 1, 0, 1])
+    assert len(told) == 1
+    assert len(model.areas_) == 3
+    (match,) = skfmap.match(model, [scan])
+    assert match.reference_name == creatures.meshes[0].name
+    assert 0.3 < match.covered.mean() < 0.9
 
 
 def test_distances_correct_what_surroundings_get_wrong(creatures):

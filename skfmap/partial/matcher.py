@@ -64,7 +64,7 @@ from skfmap.partial.scoring import (
     as_correspondence,
     parts_to_score,
 )
-from skfmap.partial.warned import warn_of_sides, warn_of_size, warn_of_strange
+from skfmap.partial.warned import warn_of_few, warn_of_sides, warn_of_size, warn_of_strange
 from skfmap.refinement import Refinement
 from skfmap.shapes import Correspondence, Landmarks, Match, Registered
 from skfmap.shapes.skipped_shape import SetAside
@@ -175,7 +175,8 @@ class PartialMatcher(Versioned, BaseEstimator):
         y : sequence of Correspondence or of int arrays of shape (n_pairs, 2)
             Where each lies on the template, as for the learner.
         sample_weight : array-like of shape (n_shapes,), optional
-            As in `WeightedFunctionalMapLearner.fit`; shapes of weight 0 are not cut.
+            As in `WeightedFunctionalMapLearner.fit`; shapes of weight 0 are not
+            cut, but the reference always is.
 
         Returns
         -------
@@ -188,6 +189,11 @@ class PartialMatcher(Versioned, BaseEstimator):
             If ``estimator`` is no pipeline from meshes to a learner.
         ValueError
             If a parameter cannot be used, or there are fewer than three shapes.
+
+        Warns
+        -----
+        StabilityWarning
+            If there are but three.
         """
         cuts = self._check_parameters()
         pipeline = clone(self.estimator)
@@ -201,8 +207,10 @@ class PartialMatcher(Versioned, BaseEstimator):
         if len(training.used) < 2:
             raise ValueError(
                 "PartialMatcher leaves training shapes out in turn, and needs the reference and "
-                f"two more at least; got {len(training.used)} more."
+                f"two more at least; got {len(training.used)} more. Give more shapes; for whole "
+                "shapes alone, fit the pipeline by itself."
             )
+        warn_of_few(len(training.used))
         learned = learned_from(
             training,
             learner,
