@@ -664,8 +664,8 @@ def test_bare_meshes_are_nothing_to_learn_from_and_that_is_said_once(
     told = captured.err if verb == "train" else captured.out
     assert (captured.err + captured.out).count("\n") == 1
     assert "cannot be trained on: only the reference, body0, can be used." in told
-    assert "Put a file beside each mesh" in told
-    assert "New meshes, which a trained model is asked about, need no such files." in told
+    assert "Add a file for each mesh" in told
+    assert "New meshes, to which a trained model is applied, need no such files." in told
 
 
 def test_quiet_verbs_tell_what_is_wrong_alone(place, broken, tmp_path, capsys):
@@ -693,7 +693,7 @@ def test_wrong_options_and_help_return_their_status(capsys):
     for verb in ("train", "match", "landmarks", "register", "transfer", "check", "report", "demo"):
         assert run(verb, "--help") == 0
     assert run("--help") == 0
-    assert "place the training specimens' landmarks" in capsys.readouterr().out
+    assert "predict landmarks on new specimens" in capsys.readouterr().out
     assert run("--version") == 0
     assert capsys.readouterr().out == f"skfmap {skfmap.__version__}\n"
 

@@ -1,4 +1,4 @@
-"""``transfer``: values of the reference's vertices carried over to new shapes."""
+"""``transfer``: carry values at the vertices of the reference over to new shapes."""
 
 import argparse
 import re
@@ -16,12 +16,12 @@ from skfmap.shapes import Match
 
 __all__ = ["DESCRIPTION", "HELP", "add_arguments", "run"]
 
-HELP = "carry values of the reference's vertices over to new shapes"
+HELP = "carry values at the vertices of the reference over to new shapes"
 DESCRIPTION = (
-    "Carry what the vertices of the reference hold over to new shapes: numbers with decimals are "
-    "interpolated, whole numbers and words are labels and are voted on. Of each shape NAME, the "
-    "file NAME.csv (or .npy) has a line for each vertex; blank, or NaN, where the match is not "
-    "trusted."
+    "Carry values at the vertices of the reference over to new shapes. Numbers with decimals are "
+    "interpolated; whole numbers and words are labels, which are decided by a vote. For each shape "
+    "NAME, the file NAME.csv (or .npy) has one line per vertex, which is blank or NaN if the match "
+    "is not trusted there."
 )
 
 
@@ -31,7 +31,7 @@ _FRACTION = re.compile(r"0\d+")
 
 
 class _Column(NamedTuple):
-    """What the vertices of the reference hold, and what it is called."""
+    """A column of values at the vertices of the reference, with its name."""
 
     name: str
     values: Any
@@ -44,22 +44,25 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--values",
         type=Path,
         required=True,
-        help="a line for each vertex of the reference: .npy, .csv (with a head line or without, "
-        "blank where unknown), or .txt with columns between blanks",
+        help="file with one line per vertex of the reference: .npy, .csv (with or without a "
+        "header, unknown values blank), or .txt with columns separated by blanks",
     )
     parser.add_argument(
         "--max-error",
         type=float,
         help="leave out vertices with a larger expected error, in units of sqrt(area) of the "
-        "reference (0.05, for instance)",
+        "reference, for instance 0.05",
     )
     parser.add_argument(
-        "--format", choices=["csv", "npy"], default="csv", help="of the results (default: csv)"
+        "--format",
+        choices=["csv", "npy"],
+        default="csv",
+        help="format of the results (default: csv)",
     )
 
 
 def run(options: argparse.Namespace) -> int:
-    """Transfer, and return the exit status."""
+    """Transfer values to new shapes; return the exit status."""
     if not options.values.is_file():
         raise FileNotFoundError(f"There is no file of values {options.values}.")
     suffix = f".{options.format}"
@@ -114,7 +117,7 @@ def _of_array(path: Path) -> tuple[list[str], list[Any]]:
 
 
 def _of_text(path: Path, n_vertices: int) -> tuple[list[str], list[Any]]:
-    """Return names and columns of a table; a line more than there are vertices is its head."""
+    """Return the names and columns of a table; an extra line is taken to be its header."""
     lines = read_text(path)
     rows = _rows_of_csv(lines) if path.suffix.lower() == ".csv" else [one.split() for one in lines]
     while rows and not rows[-1]:
@@ -159,7 +162,7 @@ def _usual_names(n_columns: int) -> list[str]:
 
 
 def _typed(text: Array) -> Any:
-    """Return whole numbers, numbers or words, whatever all known entries are; others masked."""
+    """Return a column as integers, floats or strings, with unknown entries masked."""
     unknown = np.char.strip(text) == ""
     for kind in (np.int64, np.float64):
         try:
@@ -181,7 +184,7 @@ def _write_columns(columns: list[_Column], path: Path) -> None:
 
 
 def _filled(values: Any) -> Any:
-    """Return numbers with NaN, or words with blanks, where they are masked."""
+    """Return masked numbers as NaN, or masked strings as empty ones."""
     if values.dtype.kind in "biuf":
         return values.astype(np.float64).filled(np.nan)
     return values.filled("")

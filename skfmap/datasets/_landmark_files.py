@@ -1,4 +1,4 @@
-"""Landmarks that were placed by hand, in files beside the meshes."""
+"""Landmark files next to the meshes of a collection."""
 
 import re
 from pathlib import Path
@@ -22,11 +22,11 @@ _MOST = 8  # names that a message lists
 
 
 def landmark_files(paths: list[Path]) -> list[list[Path]]:
-    """Return the files of landmarks beside each mesh, by their names.
+    """Return the landmark files of each mesh, found by name.
 
-    A file that fits the names of two meshes (``cat_points.csv`` those of ``cat`` and
-    ``cat_points``) belongs to the longer one; letters of another case are as good where no name
-    fits exactly.
+    A file whose name matches two meshes belongs to the one with the longer name: ``cat_points.csv``
+    belongs to ``cat_points`` rather than ``cat``. Letter case is ignored if no file matches
+    exactly.
     """
     stems = [path.stem for path in paths]
     suffixes = "|".join(re.escape(suffix) for suffix in LANDMARK_SUFFIXES)
@@ -64,7 +64,7 @@ def unread_landmarks(paths: list[Path]) -> str:
 
 
 def _may_hold_points(file: Path, owners: list[str]) -> bool:
-    """Return False for NAME.txt of two columns: vertex and template point."""
+    """Return False for a file NAME.txt with two columns, vertex and template point."""
     is_plain = file.suffix.lower() == ".txt" and file.stem.lower() in map(str.lower, owners)
     return not is_plain or is_table_of_points(file)
 
@@ -75,19 +75,20 @@ def _exact(files: list[Path], stem: str) -> list[Path]:
 
 
 def only_one(files: list[Path], mesh: Path) -> Path:
-    """Return the file of a mesh's landmarks; raise where there are several."""
+    """Return the landmark file of a mesh; raise an error if there are several."""
     if len(files) > 1:
         raise CorrespondenceError(
-            f"{mesh} has {len(files)} files of landmarks beside it: "
-            f"{', '.join(file.name for file in files)}. Keep the one that is meant."
+            f"{mesh} has {len(files)} landmark files beside it: "
+            f"{', '.join(file.name for file in files)}. Keep only one of them."
         )
     return files[0]
 
 
 class OnMesh(NamedTuple):
-    """Landmarks of a file in the system of their mesh, and the places where they lie on it.
+    """Landmarks of a file in the coordinates of their mesh, and their places on it.
 
-    ``turned`` says that x and y were negated, ``note`` what was done as the file asks for.
+    ``turned`` is a message if x and y were negated, and ``note`` describes conversions that the
+    file asks for; both are empty otherwise.
     """
 
     landmarks: Landmarks
@@ -97,16 +98,17 @@ class OnMesh(NamedTuple):
 
 
 def landmarks_on(path: Path, mesh: Mesh) -> OnMesh:
-    """Put the landmarks of a file onto their mesh; raise where they do not lie on it.
+    """Project the landmarks of a file onto their mesh; raise an error if they do not lie on it.
 
-    Slicer's two systems of coordinates, LPS and RAS, differ by the signs of x and y. Landmarks that
-    lie on the mesh only with these negated are turned.
+    The coordinate systems LPS and RAS of 3D Slicer differ in the signs of x and y. If landmarks lie
+    on the mesh only with these negated, they are negated.
     """
     read = open_landmarks(path)
     landmarks = moved(read.landmarks, read.landmarks.points, mesh.name)
     if not landmarks.placed.any():
         raise CorrespondenceError(
-            f"{path} holds no landmark that was placed. Place them, or leave {mesh.name!r} out."
+            f"{path} holds no landmark that was placed. Place landmarks, or leave out "
+            f"{mesh.name!r}."
         )
     try:
         return OnMesh(landmarks, Correspondence.from_points(landmarks, mesh), "", read.done)
@@ -116,12 +118,12 @@ def landmarks_on(path: Path, mesh: Mesh) -> OnMesh:
         if truth is None:
             raise CorrespondenceError(f"{path}: {error}") from None
     said = f"; the file says {read.system}" if read.system else ""
-    told = f"landmarks of {path.name} were taken with x and y negated (RAS and LPS?{said})"
+    told = f"x and y of the landmarks in {path.name} were negated (RAS against LPS?{said})"
     return OnMesh(turned, truth, told, read.done)
 
 
 def _if_nearer(turned: Landmarks, written: Landmarks, mesh: Mesh) -> Correspondence | None:
-    """Return where turned landmarks lie on the mesh; None unless they do, and are nearer to it."""
+    """Return the places of turned landmarks if they lie on the mesh and are nearer; else None."""
     try:
         truth = Correspondence.from_points(turned, mesh)
     except CorrespondenceError:

@@ -168,11 +168,14 @@ class Body:
         Learned from training shapes, in units of sqrt(area) of the reference.
     recogniser : Recogniser
         Learned from their parts.
+    straight : tuple of ndarray of shape (n_regions, n_regions)
+        Mean and deviation of straight lines between regions, on training shapes.
     """
 
     regions: Regions
     deformation: Deformation
     recogniser: Recogniser
+    straight: tuple[FloatArray, FloatArray]
 
     @classmethod
     def learned(
@@ -187,7 +190,10 @@ class Body:
             [region[one.vertices_0[at]] for one, at in zip(lessons, rows, strict=True)],
             len(regions.centres),
         )
-        return cls(regions, deformation, recogniser)
+        centres = np.stack([one[regions.centres] for one in [regions.vertices, *laid]])
+        lines = np.linalg.norm(centres[:, :, None] - centres[:, None], axis=3)
+        straight = lines.mean(axis=0), lines.std(axis=0)
+        return cls(regions, deformation, recogniser, straight)
 
     @cached_property
     def _apart(self) -> FloatArray:
@@ -201,7 +207,7 @@ class Body:
         reference is laid anew.
         """
         logarithms = self.recogniser.logarithms(scan.features[scan.points])
-        along = scan.distances, scan.straight, self._apart
+        along = scan.distances, scan.straight, self._apart, self.straight
         found = hypotheses(logarithms, *along, _N_HYPOTHESES)
         laid = [
             self._laid_by(scan, one, logarithms, _FEW_ROUNDS)

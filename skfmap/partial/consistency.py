@@ -14,6 +14,9 @@ _BIN, _FARTHEST = 0.05, 1.0
 # By how much distances of a body differ from those of the reference: a constant, for regions are
 # not points, and a share. Ways around what is missing are longer, never shorter.
 _CONSTANT, _SHARE, _AROUND = 0.04, 0.07, 1.6
+# By how much straight lines between pieces differ from those of training shapes beyond what these
+# differ by, in sqrt(area): there are few of them.
+_UNSEEN = 0.12
 # Largest cost of a pair of regions, in squared deviations: one of the two may be wrong.
 _MOST = 6.0
 # How much all pairs of a point count together beside what its surroundings tell, from the first
@@ -45,6 +48,7 @@ def hypotheses(
     distances: FloatArray,
     straight: FloatArray,
     distances_0: FloatArray,
+    straight_0: tuple[FloatArray, FloatArray],
     n_hypotheses: int,
 ) -> list[Hypothesis]:
     """Return where points of a scan may be on the reference, consistent with one another.
@@ -62,10 +66,11 @@ def hypotheses(
         Distances along the scan from the first ``n_samples`` points, in sqrt(area) of the
         reference; infinite between pieces.
     straight : ndarray of shape (n_points, n_samples)
-        Distances on the straight line, than which no way is shorter: they are what is known between
-        pieces.
+        Distances on the straight line, which are what is known between pieces.
     distances_0 : ndarray of shape (n_regions, n_regions)
         Distances of regions along the reference.
+    straight_0 : tuple of ndarray of shape (n_regions, n_regions)
+        Mean and deviation of their distances on the straight line, on training shapes.
     n_hypotheses : int
         How many.
 
@@ -75,7 +80,7 @@ def hypotheses(
         The best first.
     """
     n = distances.shape[1]
-    costs, near, own = _costs(distances_0), _bins(distances, straight), logarithms[:n]
+    costs, near, own = _costs(distances_0, straight_0), _bins(distances, straight), logarithms[:n]
     among, found = [pairs[:n] for pairs in near], []
     avoided = np.zeros_like(own)
     for _ in range(n_hypotheses):
@@ -105,10 +110,13 @@ def _settled(
     return beliefs
 
 
-def _costs(distances_0: FloatArray) -> list[npt.NDArray[np.float32]]:
+def _costs(
+    distances_0: FloatArray, straight_0: tuple[FloatArray, FloatArray]
+) -> list[npt.NDArray[np.float32]]:
     """Return, for each bin of distances on a scan, what pairs of regions cost.
 
-    First of distances along it, then of straight lines, than which ways may be as long as they are.
+    First of distances along it, then of straight lines between its pieces, than which no way is
+    shorter, and which are about as long as on training shapes.
     """
     along, across = [], []
     for number in range(round(_FARTHEST / _BIN)):
@@ -117,7 +125,8 @@ def _costs(distances_0: FloatArray) -> list[npt.NDArray[np.float32]]:
         shorter = np.where(off < 0, _AROUND, 1.0)
         along.append(np.minimum(np.square(off / width / shorter), _MOST).astype(np.float32))
         over = np.square(np.minimum(off, 0.0) / width)
-        across.append(np.minimum(over, _MOST).astype(np.float32))
+        unlike = np.square((straight_0[0] - apart) / (_UNSEEN + straight_0[1]))
+        across.append(np.minimum(np.maximum(over, unlike), _MOST).astype(np.float32))
     return along + across
 
 

@@ -72,6 +72,9 @@ class Match:
         unless a `skfmap.PartialMatcher` matched it.
     covered_probability : ndarray of shape (n_vertices_0,) or None
         Probability that each vertex of the reference is present on the shape.
+    scale : float or None
+        Factor that converts the coordinates of the shape to the units of the training shapes, if it
+        was estimated (``PartialMatcher(scale="estimated")``).
     given, reference_given : GivenMesh or None
         The given meshes of S_i and S_0, or where to find them again; ``mesh`` and
         ``reference_mesh`` open them.
@@ -103,6 +106,7 @@ class Match:
     covered_probability: FloatArray | None = None
     given: GivenMesh | None = None
     reference_given: GivenMesh | None = None
+    scale: float | None = None
 
     @property
     def mesh(self) -> Mesh:
