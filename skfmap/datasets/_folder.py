@@ -134,8 +134,7 @@ def load_collection(
         If meshes were mended, or if landmarks lie on their mesh only with x and y negated (the
         coordinate systems LPS and RAS of 3D Slicer), and were negated.
     SkippedShapeWarning
-        If meshes were skipped, or if meshes, or landmarks beside them, have a format that is not
-        read.
+        If meshes were skipped, or if meshes or landmark files have a format that is not read.
     CoverageWarning
         If a template point or a vertex occurs in a large share of the pairs of a mesh, which
         suggests that it stands for "none".

@@ -29,7 +29,7 @@ __all__ = ["csv_of", "is_table_of_points", "read_table"]
 # None stands for any run of blanks. The comma comes late because numbers may contain it.
 _SEPARATORS = ("\t", ";", ",", None)
 _HEAD = 65536  # number of bytes read to recognise a table
-# The first line of some files of Excel, which names the separator.
+# The first line that Excel writes to declare the separator.
 _SEPARATED = re.compile(r'"?sep=.?"?\s*', re.IGNORECASE)
 _WORD = re.compile(r'"((?:[^"]|"")*)"|(\S+)')
 
