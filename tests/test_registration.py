@@ -411,7 +411,9 @@ def test_a_model_with_another_refinement_says_so(fitted, probed):
 
 def test_a_refinement_that_was_set_after_the_fit_says_so(fitted, probed):
     changed = copy.copy(fitted).set_params(refine="register")
-    with pytest.raises(ValueError, match=r"refine is 'register' since the fit\. Fit again\."):
+    with pytest.raises(
+        ValueError, match=r"refine is 'register', but was set after the fit\. Fit again\."
+    ):
         changed.register(probed[5:])
 
 
