@@ -446,7 +446,7 @@ def _frame(mean: FloatArray, faces: IntArray | None) -> _Frame:
         return _Frame(mean, np.full(len(mean), 1 / len(mean)))
     areas, _ = area_and_longest_edge(mean, faces)
     if not areas.any():
-        raise MeshError("The first shape, or the mean of all, has no area. Leave such shapes out.")
+        raise MeshError("The first shape, or the mean of all, has no area; leave such shapes out.")
     weights = np.bincount(faces.ravel(), np.repeat(areas, 3), minlength=len(mean))
     return _Frame(mean, weights / weights.sum())
 

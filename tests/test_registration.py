@@ -411,7 +411,9 @@ def test_a_model_with_another_refinement_says_so(fitted, probed):
 
 def test_a_refinement_that_was_set_after_the_fit_says_so(fitted, probed):
     changed = copy.copy(fitted).set_params(refine="register")
-    with pytest.raises(ValueError, match=r"refine is 'register' since the fit\. Fit again\."):
+    with pytest.raises(
+        ValueError, match=r"refine is 'register', but was set after the fit\. Fit again\."
+    ):
         changed.register(probed[5:])
 
 
@@ -762,7 +764,7 @@ def test_what_is_given_beyond_the_working_mesh_turns_with_it(creatures):
     with pytest.warns(RepairWarning, match="loose"):
         (shape,) = probed_of([given], max_vertices=500)
     spectral, turn = shape.spectral, Rotation.random(random_state=2).as_matrix()
-    moved = laid_out._with_detail(given_reference(shape, [shape]), spectral.vertices @ turn.T + 3)
+    moved = laid_out.with_detail(given_reference(shape, [shape]), spectral.vertices @ turn.T + 3)
     expected = given.vertices / np.sqrt(spectral.area) @ turn.T + 3
     np.testing.assert_allclose(moved, expected, atol=1e-5)
 
