@@ -374,7 +374,7 @@ def test_a_small_gltf_file_does_not_fill_the_memory(write):
         ("a.off", gzip.compress(b"OFF"), r"gzip.*Unpack it first"),
         ("a.ply", b"PK\x03\x04 and so on", r"zip.*Unpack it first"),
         ("a.ply", "version https://git-lfs.github.com/spec/v1\noid sha256:4\n", "git lfs pull"),
-        ("a.obj", "\n<!DOCTYPE html>\n<html>", "page of the web"),
+        ("a.obj", "\n<!DOCTYPE html>\n<html>", "web page"),
     ],
 )
 def test_what_is_no_mesh_is_called_by_its_name(write, name, content, said):
@@ -390,7 +390,8 @@ def test_packed_meshes_in_a_folder_are_named(write, tmp_path):
     with pytest.warns(SkippedShapeWarning) as told:
         assert load_collection(tmp_path).names == ["a", "b"]
     (message,) = [str(one.message) for one in told]
-    assert "d.vtu.zip are left out, because .gz, .zip is not read. Unpack it first." in message
+    assert "c.ply.gz, d.vtu.zip are left out, because .gz, .zip is not read." in message
+    assert "Unpack it first." in message
     with pytest.raises(MeshError, match=r"'\.gz'.*Unpack it first"):
         read_mesh(tmp_path / "c.ply.gz")
 

@@ -18,6 +18,7 @@ from skfmap.exceptions import (
     OrientationWarning,
     RepairWarning,
     SkippedShapeWarning,
+    StabilityWarning,
     UnfamiliarShapeWarning,
 )
 from skfmap.functional.samples import farthest_points
@@ -26,11 +27,14 @@ from skfmap.geometry.cutting import rim_length
 from skfmap.geometry.faults import count_components
 from skfmap.geometry.geodesics import edge_path_distances
 from skfmap.geometry.normals import vertex_normals
+from skfmap.geometry.sphere import subdivided_octahedron
 from skfmap.partial import Cut, DiscCut, LimbCut, PlaneCut, ViewCut
 from skfmap.partial.consistency import hypotheses
+from skfmap.partial.laying import lay_on_part
 from skfmap.partial.scan import scan_of
 from skfmap.partial.sides import Sides
 from skfmap.persistence import load_model, save_model
+from skfmap.registration import Deformation
 
 CUTS = [PlaneCut, LimbCut, DiscCut, ViewCut]
 
@@ -484,14 +488,39 @@ def test_whole_shapes_in_other_units_need_no_estimate(matcher, creatures):
         assert found.scale is None
 
 
-def test_a_kind_is_sided_if_nearly_all_of_its_parts_are_unlike_their_images():
-    scores = np.linspace(-8.0, -4.0, 21)
-    assert Sides.learned(scores, scores - 3.0).sided
+def test_a_kind_is_sided_if_nearly_all_of_many_parts_are_unlike_their_images():
+    scores = np.linspace(-8.0, -4.0, 20)
+    unlike = np.where(np.arange(20) < 3, scores, scores - 3.0)
+    assert Sides.learned(scores, unlike).sided
+    assert not Sides.learned(scores[:7], scores[:7] - 3.0).sided
     assert not Sides.learned(scores, scores[::-1]).sided
-    assert not Sides.learned(scores, scores - 0.5).sided
-    few = np.where(np.arange(21) < 5, scores, scores - 3.0)
-    assert not Sides.learned(scores, few).sided
-    assert Sides.learned(scores, scores - 3.0).usual == pytest.approx(-6.0)
+    assert not Sides.learned(scores, np.where(np.arange(20) < 5, scores, scores - 3.0)).sided
+    assert Sides.learned(scores, unlike).usual == pytest.approx(-6.0)
+
+
+def ribbon(mesh):
+    """Return a body as a flat ribbon that is turned about its axis, always to one side."""
+    x, y, z = (mesh.vertices * [1.5, 1.0, 0.35]).T
+    c, s = np.cos(1.5 * x), np.sin(1.5 * x)
+    return Mesh(np.column_stack([x, c * y - s * z, s * y + c * z]), mesh.faces, mesh.name)
+
+
+def test_mirror_images_of_a_sided_kind_are_told(collection):
+    pipeline = make_pipeline(
+        skfmap.SpectralBasis(30),
+        skfmap.DescriptorTransformer(),
+        skfmap.WeightedFunctionalMapLearner(n_functions=15, confidence=None),
+    )
+    ribbons = [ribbon(mesh) for mesh in collection.meshes]
+    model = PartialMatcher(pipeline, cuts="planes", n_cuts=3, n_calibrated=3)
+    model.fit(ribbons[:5], collection.truths[:5])
+    assert model.sides_.sided
+    scan = PlaneCut(0.7, 0.7).cut(ribbons[5], np.random.default_rng(0))
+    image = Mesh(scan.vertices * [1, -1, 1], scan.faces[:, ::-1], "image")
+    with pytest.warns(OrientationWarning, match=r"As mirror images.*X\[1\] \('image'\)"):
+        right, mirrored = skfmap.match(model, [scan, image])
+    assert right.familiar
+    assert mirrored.familiar is False
 
 
 @pytest.fixture(scope="module")
@@ -543,7 +572,7 @@ def test_cuts_of_ones_own(creatures, pipeline):
         ({"cuts": []}, ValueError, "cuts must be"),
         ({"n_cuts": 0}, ValueError, "n_cuts"),
         ({"scale": "millimetres"}, ValueError, "scale must be one of 'estimated', 'known'"),
-        ({"n_calibrated": 7}, ValueError, "n_calibrated"),
+        ({"n_calibrated": 13}, ValueError, "n_calibrated"),
         ({"estimator": skfmap.WeightedFunctionalMapLearner()}, TypeError, "must be a Pipeline"),
         (
             {"estimator": make_pipeline("passthrough", skfmap.WeightedFunctionalMapLearner())},
@@ -563,6 +592,17 @@ def test_too_few_shapes(creatures, pipeline):
         PartialMatcher(pipeline).fit(creatures.meshes[:2], creatures.correspondences[:2])
 
 
+def test_three_shapes_are_few_and_a_weight_of_nothing_leaves_one_out(creatures, pipeline, scan):
+    model = PartialMatcher(pipeline, cuts="planes", n_cuts=1, n_calibrated=1)
+    with pytest.warns(StabilityWarning, match="from 2 shapes beside the reference") as told:
+        model.fit(creatures.meshes[:4], creatures.correspondences[:4], [0, 1, 0, 1])
+    assert len(told) == 1
+    assert len(model.areas_) == 3
+    (match,) = skfmap.match(model, [scan])
+    assert match.reference_name == creatures.meshes[0].name
+    assert 0.3 < match.covered.mean() < 0.9
+
+
 def test_distances_correct_what_surroundings_get_wrong(creatures):
     """A third of the points are told a wrong region; distances to the others put them right."""
     mesh, rng = creatures.meshes[0], np.random.default_rng(0)
@@ -576,8 +616,58 @@ def test_distances_correct_what_surroundings_get_wrong(creatures):
     told[wrong] = rng.permutation(told[wrong])
     logarithms = np.full((80, 80), -4.0, dtype=np.float32)
     logarithms[np.arange(80), told] = -0.5
-    best, _ = hypotheses(logarithms, apart[:, :40], straight[:, :40], apart, 2)[:2]
+    among = straight, np.zeros_like(straight)
+    best, _ = hypotheses(logarithms, apart[:, :40], straight[:, :40], apart, among, 2)[:2]
     found = best.beliefs.argmax(axis=1)
     assert apart[told, np.arange(80)].mean() > 0.15
     assert apart[found, np.arange(80)].mean() < 0.03
     assert best.beliefs.sum(axis=1) == pytest.approx(1.0, abs=1e-5)
+
+
+def test_how_far_pieces_are_apart_tells_the_side_that_surroundings_leave_open():
+    """Regions 0 to 3 are a trunk, 4 to 7 a hand near one end of it, 8 to 11 one near the other."""
+    line = np.arange(4) * 0.06
+    at = np.concatenate(
+        [
+            np.column_stack([line, np.zeros(4)]),
+            np.column_stack([np.zeros(4), 0.2 + line]),
+            np.column_stack([np.full(4, 0.6), 0.2 + line]),
+        ]
+    )
+    apart = np.linalg.norm(at[:, None] - at[None], axis=2)
+    along = np.where(np.eye(3, dtype=bool).repeat(4, 0).repeat(4, 1), apart, apart + 0.3)
+    for hand in (4, 8):
+        shown = np.r_[0:4, hand : hand + 4]
+        logarithms = np.full((8, 12), -8.0, dtype=np.float32)
+        logarithms[np.arange(4), np.arange(4)] = 0
+        for side in (4, 8):
+            logarithms[4 + np.arange(4), side + np.arange(4)] = -0.7
+        scanned = along[np.ix_(shown, shown)].copy()
+        scanned[:4, 4:] = scanned[4:, :4] = np.inf
+        lines = apart, np.zeros_like(apart)
+        (found,) = hypotheses(logarithms, scanned, apart[np.ix_(shown, shown)], along, lines, 1)
+        assert np.array_equal(found.beliefs.argmax(axis=1), shown)
+
+
+def test_what_is_believed_elsewhere_is_not_drawn():
+    """Of two balls in one place the part shows one, which is drawn to it; the other stays."""
+    ball, faces = subdivided_octahedron(3)
+    ball, n = 0.1 * ball, len(ball)
+    aside, off = np.array([0.5, 0, 0]), np.array([0.03, 0, 0])
+    vertices_0 = np.concatenate([ball - aside, ball + aside])
+    both = np.concatenate([faces, faces + n])
+    start = np.concatenate([ball, ball]) + off
+    places = vertices_0[:n]
+    laid = lay_on_part(
+        Deformation.of_reference(vertices_0, both),
+        both,
+        np.ones(2 * n),
+        vertices_0,
+        (ball, faces),
+        places,
+        start,
+        stiffness=0.3,
+        n_rounds=4,
+    )
+    assert np.linalg.norm(laid[:n], axis=1) == pytest.approx(0.1, abs=0.004)
+    assert laid[n:] == pytest.approx(start[n:], abs=1e-6)

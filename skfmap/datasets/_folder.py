@@ -526,7 +526,7 @@ def _as_integers(values: Array, path: Path) -> IntArray:
 
 
 def _of_pairs(path: Path, mesh: Mesh) -> Correspondence:
-    """Return the pairs of a file, with those of symmetric answers if these lie beside it."""
+    """Return the pairs of a file, with the symmetric pairs from the file beside it, if any."""
     beside = path.with_name(f"{path.stem}.sym{path.suffix}")
     symmetric = _read_pairs(beside, mesh) if beside.is_file() else None
     return Correspondence(_read_pairs(path, mesh), symmetric)

@@ -57,15 +57,15 @@ __all__ = [
 # the mean edge with 5,000 vertices. It is reached at 1,700 times the extent from the origin.
 _MOST_LOST = 1e-4
 
-# What files of any name may be, by how they begin.
+# Contents that any file may have instead of a mesh, by their first bytes.
 _NO_MESHES = {
-    b"\x1f\x8b": "packed (gzip). Unpack it first.",
-    b"pk\x03\x04": "packed (zip). Unpack it first.",
-    b"bzh": "packed (bzip2). Unpack it first.",
-    b"\xfd7zxz": "packed (xz). Unpack it first.",
-    b"version https://git-lfs": "a pointer of Git LFS in place of the mesh. Run git lfs pull.",
-    b"<!doctype html": "a page of the web. Download the file itself.",
-    b"<html": "a page of the web. Download the file itself.",
+    b"\x1f\x8b": "compressed (gzip). Unpack it first.",
+    b"pk\x03\x04": "compressed (zip). Unpack it first.",
+    b"bzh": "compressed (bzip2). Unpack it first.",
+    b"\xfd7zxz": "compressed (xz). Unpack it first.",
+    b"version https://git-lfs": "a Git LFS pointer instead of the mesh. Run git lfs pull.",
+    b"<!doctype html": "a web page. Download the file itself.",
+    b"<html": "a web page. Download the file itself.",
 }
 _HEAD = 64
 
@@ -153,7 +153,7 @@ def read_arrays(path: str | Path) -> tuple[FloatArray, IntArray]:
                 )
             faces, crossing = triangulate(vertices, *polygons)
         else:
-            # glTF may keep its numbers in files beside it.
+            # A .gltf file may store its numbers in other files beside it.
             vertices, faces = read_stl(content) if suffix == ".stl" else read_gltf(path, content)
             crossing = faces[:0, 0]
     except MeshError as error:

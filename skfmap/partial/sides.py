@@ -15,8 +15,9 @@ __all__ = ["Sides", "mirror_image", "score_of", "turned_out"]
 # By how much the score of a hypothesis has to be better for the other side. Of right parts of cats
 # and creatures, it is worse by 1.8 at least if faces are wound inwards.
 _CLEARLY = 1.0
-# A kind of body is unlike its mirror image if all but this share of its parts are, clearly.
-_ALIKE = 0.1
+# A kind of body is unlike its mirror image if so many parts were looked at, and this share of them
+# are better than their images by so much. Where left and right look alike, a third are.
+_N_PARTS, _MOST, _BETTER = 8, 0.8, 0.5
 
 
 class Sides(NamedTuple):
@@ -38,7 +39,8 @@ class Sides(NamedTuple):
     def learned(cls, scores: Sequence[float], of_images: Sequence[float]) -> Self:
         """Learn from scores of parts that were left out, and of their mirror images."""
         better = np.asarray(scores) - np.asarray(of_images)
-        return cls(float(np.median(scores)), bool(np.quantile(better, _ALIKE) > _CLEARLY))
+        sided = len(better) >= _N_PARTS and np.mean(better > _BETTER) >= _MOST
+        return cls(float(np.median(scores)), bool(sided))
 
     def of(self, body: Body, scan: Scan) -> str:
         """Return "right", "inside out", "mirrored" or "negated", by which the scan fits best.

@@ -3,9 +3,29 @@
 from collections.abc import Sequence
 
 from skfmap._tools.warn import warn
-from skfmap.exceptions import OrientationWarning, SkippedShapeWarning, UnfamiliarShapeWarning
+from skfmap.exceptions import (
+    OrientationWarning,
+    SkippedShapeWarning,
+    StabilityWarning,
+    UnfamiliarShapeWarning,
+)
 
-__all__ = ["warn_of_sides", "warn_of_size", "warn_of_strange"]
+__all__ = ["warn_of_few", "warn_of_sides", "warn_of_size", "warn_of_strange"]
+
+
+# Shapes beside the reference that are few.
+_FEW = 2
+
+
+def warn_of_few(n_others: int) -> None:
+    """Say that hardly anything was left to learn from when a shape was left out."""
+    if n_others <= _FEW:
+        warn(
+            f"PartialMatcher learned from {n_others} shapes beside the reference: when one is left "
+            "out, the other shows alone how bodies deform, so that errors to expect, and what "
+            "counts as unfamiliar, are coarse. Give five shapes and more, best ten.",
+            StabilityWarning,
+        )
 
 
 def warn_of_size(called: Sequence[str], kinds: Sequence[str]) -> None:
