@@ -75,11 +75,11 @@ def test_gifti_surfaces_keep_their_vertices(tmp_path, encoding, how):
 @pytest.mark.parametrize(
     ("content", "message"),
     [
-        (_freesurfer()[:-400], "no room for"),
-        (_freesurfer(n=-1), "no room for"),
-        (_freesurfer()[:20], "within its head"),
+        (_freesurfer()[:-400], "too short to hold"),
+        (_freesurfer(n=-1), "too short to hold"),
+        (_freesurfer()[:20], "within its header"),
         (b"\xff\xff\xff" + bytes(50), "quadrangles.*mris_convert"),
-        (b"text", "does not begin as these do"),
+        (b"text", "its first bytes are different"),
         (_freesurfer(m=0), "no faces"),
     ],
 )
@@ -94,8 +94,8 @@ def test_what_is_no_freesurfer_surface_is_refused(tmp_path, content, message):
         (_gifti(_array("NIFTI_INTENT_SHAPE", BALL.vertices, "f4", "ASCII")), "INTENT_SHAPE.*surf"),
         (_gifti(*_surface(), *_surface()), "several surfaces"),
         (_gifti(*_surface("ExternalFileBinary")), "in another file"),
-        (_gifti(*_surface(dims=(7, 3))), "says that it holds 7 rows of 3"),
-        (_gifti(*_surface())[:-200], "no whole XML"),
+        (_gifti(*_surface(dims=(7, 3))), "declares 7 rows of 3"),
+        (_gifti(*_surface())[:-200], "not a complete XML"),
         (_gifti(*_surface()).replace(b"FLOAT32", b"COMPLEX"), "COMPLEX"),
         (_gifti(*_surface()).replace(b"Base64Binary", b"GZipBase64Binary"), "unpacked"),
         (b'<!DOCTYPE a [<!ENTITY b "c">]><GIFTI>&b;</GIFTI>', "XML entities"),

@@ -134,9 +134,7 @@ def test_the_bridge_is_the_shape_that_leaves_least(probed, collection):
 @pytest.mark.parametrize("name", ["body0", "nobody"])
 def test_a_bridge_must_be_a_training_shape(make_learner, probed, collection, name):
     learner = make_learner(max_iter=3, tol=1e9, confidence=None)
-    with pytest.raises(
-        ValueError, match=r"through=.* must name exactly one of the training shapes"
-    ):
+    with pytest.raises(ValueError, match=r"through=.* must name exactly one training shape"):
         BridgedLearner(learner, through=name).fit(probed[:4], collection.truths[:4])
 
 

@@ -243,7 +243,7 @@ def test_what_a_ply_file_holds_instead_of_faces_is_said(write):
     head = "ply\nformat ascii 1.0\nelement vertex 1\nproperty float x\nproperty float y\n"
     head += "property float z\n"
     grid = "element range_grid 1\nproperty list uchar int vertex_indices\nend_header\n0 0 0\n1 0\n"
-    for rest, said in [(grid, "range_grid"), ("end_header\n0 0 0\n", "a cloud of points")]:
+    for rest, said in [(grid, "range_grid"), ("end_header\n0 0 0\n", "a point cloud")]:
         with pytest.raises(MeshError, match=rf"a\.ply.*{said}"):
             read_arrays(write("a.ply", head + rest))
 
@@ -298,7 +298,7 @@ def test_off_files_may_break_lines_anywhere(write):
     ("content", "said"),
     [
         (b"OFF BINARY\n" + bytes(64), "binary OFF file"),
-        ("nOFF\n2\n3 1 0\n0 0\n1 0\n0 1\n3 0 1 2\n", "points of 2 dimensions"),
+        ("nOFF\n2\n3 1 0\n0 0\n1 0\n0 1\n3 0 1 2\n", "points with 2 dimensions"),
         ("4OFF\n3 1 0\n0 0 0 1\n1 0 0 0\n0 1 0 1\n3 0 1 2\n", r"at infinity \(1\)"),
         ("OFF\n3 1 0\n0 0 0\n1 0 0\n0 1 x\n3 0 1 2\n", "'0 1 x'"),
         ("PLY\n", "neither with OFF"),
@@ -483,11 +483,11 @@ def test_a_line_without_a_number_keeps_the_place_of_all_others(tmp_path, kind, l
 @pytest.mark.parametrize(
     ("text", "said"),
     [
-        ("1\n# the nose\n3\n", r"line 2: the comment '# the nose' stands between numbers"),
-        ("# of cat\n\n3\n", r"line 2 is empty, right behind a comment"),
-        ("1\nnose\n3\n", r"line 2: 'nose' is not one whole number"),
-        ("1\n2 3\n4\n", r"line 2: '2 3' is not one whole number"),
-        ("NA\n\n", r"every point of it is missing"),
+        ("1\n# the nose\n3\n", r"line 2: the comment '# the nose' is between numbers"),
+        ("# of cat\n\n3\n", r"line 2 is empty and follows a comment"),
+        ("1\nnose\n3\n", r"line 2: 'nose' is not a single whole number"),
+        ("1\n2 3\n4\n", r"line 2: '2 3' is not a single whole number"),
+        ("NA\n\n", r"all its points are missing"),
     ],
 )
 def test_a_line_whose_meaning_cannot_be_told_is_named(tmp_path, text, said):
@@ -611,8 +611,46 @@ def test_formats_that_are_not_read_are_named(tmp_path):
     assert "MeshLab" in message
     with pytest.raises(FileNotFoundError, match=r"no mesh 't'.*t\.msh.*meshio"):
         load_collection(tmp_path, "t")
-    with pytest.raises(MeshError, match=r"'\.fbx'.*Blender saves it"):
+    with pytest.raises(MeshError, match=r"'\.fbx'.*Blender can save it"):
         read_mesh(tmp_path / "a.fbx")
+
+
+def test_landmarks_that_are_not_read_are_named_where_others_are_missing(tmp_path):
+    _fill(tmp_path)
+    for name in ("s0_Landmarks.xlsx", "s1.nts", "s2_points.json", "s2.json", "notes.xlsx"):
+        (tmp_path / name).write_bytes(b"")
+    with pytest.warns(SkippedShapeWarning) as told:
+        load_collection(tmp_path)
+    (message,) = [str(one.message) for one in told]
+    assert "s0_Landmarks.xlsx, s1.nts, s2_points.json are not read." in message
+    assert "a spreadsheet as .csv" in message
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        load_collection(tmp_path, by_number=True)
+        for i in range(3):
+            (tmp_path / f"s{i}.txt").write_text("3 0\n5 1\n")
+        load_collection(tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("given", "said"),
+    [
+        (lambda paths: dict(zip("abc", paths, strict=True)), r"got a dict.*list\(X\.values\(\)\)"),
+        (lambda paths: pd.DataFrame(index=paths), r"of 0 columns.*list\(X\.index\)"),
+        (lambda paths: make_creatures(n_shapes=2, n_vertices=500), r"got a Collection.*X\.meshes"),
+    ],
+)
+def test_what_holds_meshes_otherwise_is_told_how_to_give(three_paths, given, said):
+    with pytest.raises(TypeError, match=said):
+        SpectralBasis(5).transform(given(three_paths))
+
+
+@pytest.mark.parametrize("around", ["{}\n", "{} ", '"{}"', "{}\r\n"])
+def test_blanks_and_quotes_around_a_path_are_told(three_paths, around):
+    path = str(three_paths[0])
+    with pytest.raises(MeshError, match="blanks or quotes around it; give") as error:
+        read_mesh(around.format(path))
+    assert repr(path) in str(error.value)
 
 
 def test_the_command_line_names_them_too(tmp_path):
@@ -919,7 +957,7 @@ def test_a_folder_of_many_formats_is_read(tmp_path):
     content = _as_vtk(ball.vertices, ball.faces.tolist(), **options)
     for name in ("c.vtk", "a.vtk"):
         (tmp_path / name).write_bytes(content)
-    with pytest.warns(SkippedShapeWarning, match=r"a\.vtk are left out, as meshes of the same"):
+    with pytest.warns(SkippedShapeWarning, match=r"a\.vtk are left out, because the folder also"):
         data = load_collection(tmp_path)
     assert data.names == ["a", "b", "c"]
     assert [mesh.n_vertices for mesh in data.meshes] == [18] * 3

@@ -710,7 +710,7 @@ def test_what_was_left_out_before_is_said_to_have_been(tmp_path, recwarn):
     (tmp_path / "ball1.off").write_text(text[: len(text) // 2])
     data = load_collection(tmp_path, on_invalid="skip")
     assert len(recwarn) == 1
-    with pytest.raises(MeshError, match=r"X\[1\], shape 'ball1' was left out before: .*ball1.off"):
+    with pytest.raises(MeshError, match=r"X\[1\], shape 'ball1' was skipped before: .*ball1.off"):
         SpectralBasis(5).transform(data.meshes)
     shapes = SpectralBasis(5, on_invalid="skip").transform(data.meshes)
     assert isinstance(shapes[1], SkippedShape)

@@ -411,7 +411,7 @@ def test_what_is_written_is_read_in_any_unit_or_not_written(
     path = tmp_path_factory.getbasetemp() / f"written.{suffix}"
     assume(suffix != "ply" or not 35 < abs(exponent) < 46)  # about where single precision ends
     if suffix == "ply" and abs(exponent) > 35:
-        with pytest.raises(ValueError, match="in single precision, which loses its shape"):
+        with pytest.raises(ValueError, match="in single precision, which distorts its shape"):
             write_mesh(Mesh(vertices, faces), path)
         return
     write_mesh(Mesh(vertices, faces), path)

@@ -216,7 +216,7 @@ def test_what_to_do_about_missing_files_is_said_once(folder):
     with pytest.warns(SkippedShapeWarning) as told:
         load_collection(folder, on_invalid="skip")
     (said,) = [str(one.message) for one in told]
-    assert said.count("Put a file beside each mesh") == said.count("--by-number") == 1
+    assert said.count("Add a file for each mesh") == said.count("--by-number") == 1
     assert all(f"{name!r} has other faces than 'cat0'" in said for name in ("cat2", "cat10"))
 
 
@@ -253,7 +253,7 @@ def test_stl_meshes_take_no_correspondences(tmp_path):
     for name in ("a", "b"):
         write_mesh(make_sphere(1), tmp_path / f"{name}.stl")
         np.savetxt(tmp_path / f"{name}.vts", np.arange(1, 19), fmt="%d")
-    with pytest.raises(CorrespondenceError, match="STL files have no vertex numbers"):
+    with pytest.raises(CorrespondenceError, match="an STL file have no fixed order"):
         load_collection(tmp_path)
 
 

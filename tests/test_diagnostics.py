@@ -169,7 +169,7 @@ def test_a_correspondence_that_contradicts_the_others_is_named(
     truths[3] = wrong(truths[3], collection.meshes[3])
     with pytest.warns(
         DisagreementWarning,
-        match=r"say, by this many sqrt\(area\): X\[3\] \('body3'\) \(0\.[234]\d\); 0\.0",
+        match=r"say: X\[3\] \('body3'\) \(0\.[234]\d\); the typical value is 0\.0",
     ):
         learner = make_learner(reference=reference).fit(probed[:5], truths)
     errors = learner.training_errors_

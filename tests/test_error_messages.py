@@ -83,20 +83,20 @@ CALLS = {
         lambda: Correspondence([[0, 1]]).renumber([[0], [1, 2]]),
         "vertex_map must be an array",
     ),
-    "no path": (lambda: read_mesh(None), "A mesh is read from a path; got None"),
-    "bytes": (lambda: read_mesh(b"a.off"), "A mesh is read from a path"),
+    "no path": (lambda: read_mesh(None), "path must be the path of a mesh file; got None"),
+    "bytes": (lambda: read_mesh(b"a.off"), "path must be the path of a mesh file"),
     "no mesh": (
         lambda: write_mesh((BALL.vertices, BALL.faces), "a.off"),
-        "takes one skfmap.Mesh, .*; got tuple. Mesh",
+        "must be a skfmap.Mesh, .*; got tuple. Use Mesh",
     ),
     "no folder for a mesh": (
         lambda: write_mesh(BALL, "no/such/a.off"),
         "There is no folder no/such",
     ),
-    "pattern": (lambda: load_collection(".", pattern="**"), "pattern must be the name of meshes"),
+    "pattern": (lambda: load_collection(".", pattern="**"), "pattern must match names of meshes"),
     "no pattern": (
         lambda: load_collection(".", pattern=None),
-        "pattern must be the name of meshes",
+        "pattern must match names of meshes",
     ),
     "no folder": (lambda: load_collection(None), "folder must be a path; got None"),
     "zero jobs": (

@@ -157,7 +157,7 @@ def test_words_that_off_files_begin_with(write, keyword, before, behind):
 
 def test_what_stands_behind_the_triangles_of_an_stl_file_is_told(write, tmp_path):
     write_mesh(_BALL, tmp_path / "a.stl")
-    with pytest.raises(MeshError, match=r"has 7 bytes behind the 32 triangles"):
+    with pytest.raises(MeshError, match=r"has 7 bytes after the 32 triangles"):
         read_mesh(write("b.stl", (tmp_path / "a.stl").read_bytes() + b"\0\0extra"))
 
 
@@ -220,7 +220,7 @@ def test_nodes_of_a_glb_file_keep_their_order_and_their_place(write):
         {"name": "a", "mesh": 0, "matrix": np.diag([-1.0, 1, 1, 1]).ravel().tolist()},
     ]
     turned = _V @ np.array([[0, 1, 0], [-1, 0, 0], [0, 0, 1]])
-    wanted = np.concatenate([2 * (turned + [0, 3, 0]) + [1, 0, 0], _V * [-1, 1, 1]])
+    wanted = np.concatenate([2 * turned + np.array([1, 6, 0]), _V * [-1, 1, 1]])
     faces = np.concatenate([_F, _F[:, [0, 2, 1]] + _N])
     content = _glb([_P, _I], [[_part(0, 1)]], nodes, [{"nodes": [0, 2]}])
     _assert_ball(write("a.glb", content), wanted, faces)
@@ -294,7 +294,7 @@ def test_gltf_arrays_may_lie_between_others_and_be_mended_here_and_there(write, 
     wanted[4] = [9, 8, 7]
     _assert_ball(write("a.gltf", json.dumps(scene)), wanted)
     scene["buffers"][0]["uri"] = "gone.bin"
-    with pytest.raises(MeshError, match=r"in another file, gone\.bin, which is not there"):
+    with pytest.raises(MeshError, match=r"in another file, gone\.bin, which is missing"):
         read_arrays(write("b.gltf", json.dumps(scene)))
 
 
@@ -302,12 +302,12 @@ def test_gltf_arrays_may_lie_between_others_and_be_mended_here_and_there(write, 
     ("content", "said"),
     [
         (_glb([_P, np.array([0, 1, 99], "u2")], [[_part(0, 1)]]), "vertex 99, but its part has 18"),
-        (_glb([_P, np.array([0, 1], "u2")], [[_part(0, 1)]]), "triangles of 2 corners"),
-        (_glb([_P, _I], [[_part(0, 1, mode=1)]]), "holds no triangles"),
-        (_glb([_P, _I], [[_part(0, 7)]]), "not a glTF file, or damaged"),
+        (_glb([_P, np.array([0, 1], "u2")], [[_part(0, 1)]]), "triangles with 2 corners"),
+        (_glb([_P, _I], [[_part(0, 1, mode=1)]]), "contains no triangles"),
+        (_glb([_P, _I], [[_part(0, 7)]]), "not a glTF file, or is damaged"),
         (
             _glb([_P, _I], [[_part(0, 1)]], [{"mesh": 0, "children": [0]}]),
-            "nodes that lie within themselves",
+            "nodes that contain themselves",
         ),
         (
             _glb(
@@ -315,7 +315,7 @@ def test_gltf_arrays_may_lie_between_others_and_be_mended_here_and_there(write, 
                 [[_part(0, 1)]],
                 [{"mesh": 0, "extensions": {"EXT_mesh_gpu_instancing": {}}}],
             ),
-            "in many places",
+            "has instances of a mesh",
         ),
         (
             _glb(
@@ -332,13 +332,37 @@ def test_gltf_arrays_may_lie_between_others_and_be_mended_here_and_there(write, 
                 accessors=[{"componentType": 5126, "count": 99, "type": "VEC3", "bufferView": 0}]
                 * 2,
             ),
-            "shorter than it says",
+            "shorter than declared",
         ),
     ],
 )
 def test_glb_files_that_are_damaged_are_named(write, content, said):
     with pytest.raises(MeshError, match=said):
         read_arrays(write("a.glb", content))
+
+
+@pytest.mark.parametrize(
+    "uri", ["../data.bin", "{}/data.bin", "http://x.org/data.bin", "a/../../b"]
+)
+def test_a_gltf_file_opens_none_from_elsewhere(write, tmp_path, uri):
+    write("data.bin", b"\0" * 99)
+    (tmp_path / "inner").mkdir()
+    scene = json.loads(_glb([_P, _I], [[_part(0, 1)]])[20:].partition(b"BIN")[0][:-4])
+    scene["buffers"][0]["uri"] = uri.format(tmp_path)
+    with pytest.raises(MeshError, match="not beside it"):
+        read_arrays(write("inner/a.gltf", json.dumps(scene)))
+
+
+def test_a_small_gltf_file_does_not_fill_the_memory(write):
+    nodes = [{"mesh": 0}] * 9
+    content = _glb([_P, _I], [[_part(0, 1)]], nodes, [{"nodes": list(range(9))}])
+    assert len(read_arrays(write("a.glb", content))[0]) == 9 * _N  # several times is no matter
+    content = _glb([_P, _I], [[_part(0, 1)]], nodes, [{"nodes": [0] * 9999}])
+    with pytest.raises(MeshError, match="many times its size"):
+        read_arrays(write("b.glb", content))
+    sparse = {"componentType": 5126, "count": 10**12, "type": "VEC3", "sparse": {}}
+    with pytest.raises(MeshError, match="many times its size"):
+        read_arrays(write("c.glb", _glb([_P, _I], [[_part(0, 1)]], accessors=[sparse] * 2)))
 
 
 # Files that are no meshes, and paths
@@ -350,7 +374,7 @@ def test_glb_files_that_are_damaged_are_named(write, content, said):
         ("a.off", gzip.compress(b"OFF"), r"gzip.*Unpack it first"),
         ("a.ply", b"PK\x03\x04 and so on", r"zip.*Unpack it first"),
         ("a.ply", "version https://git-lfs.github.com/spec/v1\noid sha256:4\n", "git lfs pull"),
-        ("a.obj", "\n<!DOCTYPE html>\n<html>", "page of the web"),
+        ("a.obj", "\n<!DOCTYPE html>\n<html>", "web page"),
     ],
 )
 def test_what_is_no_mesh_is_called_by_its_name(write, name, content, said):
@@ -366,7 +390,7 @@ def test_packed_meshes_in_a_folder_are_named(write, tmp_path):
     with pytest.warns(SkippedShapeWarning) as told:
         assert load_collection(tmp_path).names == ["a", "b"]
     (message,) = [str(one.message) for one in told]
-    assert "c.ply.gz, d.vtu.zip are left out, as .gz, .zip is not read. Unpack it first." in message
+    assert "d.vtu.zip are left out, because .gz, .zip is not read. Unpack it first." in message
     with pytest.raises(MeshError, match=r"'\.gz'.*Unpack it first"):
         read_mesh(tmp_path / "c.ply.gz")
 

@@ -47,7 +47,9 @@ def test_shapes_must_go_together_to_be_learned_from(probed, probe, collection):
     with pytest.raises(ValueError, match=r"X\[1\] \('body0'\) has 30 eigenfunctions, fewer than"):
         check_shapes(given, 31)
     (other,) = probe(collection.meshes[2:3], "paper")
-    with pytest.raises(ValueError, match=r"X\[3\] \('body2'\) has other probe functions than the"):
+    with pytest.raises(
+        ValueError, match=r"X\[3\] \('body2'\) has different probe functions from the"
+    ):
         check_shapes([*given, other], 12)
 
 

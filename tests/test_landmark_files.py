@@ -145,7 +145,7 @@ def test_mrk_json_with_a_curve_beside_the_list_gives_the_list(tmp_path):
     curve = _markup([("a", [9, 9, 9], "defined")], type="Curve")
     markups = {"markups": [curve, _markup([("b", [1, 2, 3], "defined")])]}
     _assert_are(_read(tmp_path, ".mrk.json", json.dumps(markups)), {"b": [1, 2, 3]})
-    message = r"holds Curve \(1 points\), Line \(1 points\)"
+    message = r"contains Curve \(1 points\), Line \(1 points\)"
     with pytest.raises(CorrespondenceError, match=message):
         _read(tmp_path, ".mrk.json", json.dumps({"markups": [curve, {**curve, "type": "Line"}]}))
 
@@ -186,13 +186,13 @@ def test_one_of_several_specimens_of_a_tps_file_is_chosen(tmp_path):
     )
     for specimen, x in (("Felix", 1), ("tom", 2), (0, 1), (2, 3)):
         assert _read(tmp_path, ".tps", text, specimen=specimen).points.tolist() == [[x, 0, 0]]
-    with pytest.raises(CorrespondenceError, match=r"3 specimens: 'Felix', 'tom', 2\. Choose with"):
+    with pytest.raises(CorrespondenceError, match=r"3 specimens: 'Felix', 'tom', 2\. Choose one"):
         _read(tmp_path, ".tps", text)
-    with pytest.raises(CorrespondenceError, match="0 specimens 'Garfield'"):
+    with pytest.raises(CorrespondenceError, match="0 specimens called 'Garfield'"):
         _read(tmp_path, ".tps", text, specimen="Garfield")
     with pytest.raises(CorrespondenceError, match="no specimen 3; there are 3"):
         _read(tmp_path, ".tps", text, specimen=3)
-    with pytest.raises(ValueError, match="chooses from tps files"):
+    with pytest.raises(ValueError, match="selects from a tps file"):
         _read(tmp_path, ".csv", "1,2,3\n", specimen="Felix")
 
 
@@ -225,6 +225,10 @@ def test_pts_of_landmark_editor(tmp_path):
         ("1,2,3,\n,,,\n", {"1": [1, 2, 3], "2": NAN}),
         ("x,y,z\n1,2,3,\n4,5,6,\n", {"1": [1, 2, 3], "2": [4, 5, 6]}),
         ('"x" "y" "z"\n"nose" 1 2 3\n"chin" NA NA NA\n', {"nose": [1, 2, 3], "chin": NAN}),
+        ("sep=;\nname;x;y;z\na;1,5;2;3\n", {"a": [1.5, 2, 3]}),
+        ("Punkt;X;Y;Z\nNase;1,5;2;3\nKinn;n.a.;n.a.;n.a.\n", {"Nase": [1.5, 2, 3], "Kinn": NAN}),
+        ("who;x;y;z\nme;1;2;3\nme;4;5;6\n", {"1": [1, 2, 3], "2": [4, 5, 6]}),
+        ("t;x;y;z\n7;1;2;3\n8;4;5;6\n", {"1": [1, 2, 3], "2": [4, 5, 6]}),
     ],
 )
 def test_tables_of_many_kinds(tmp_path, text, expected):
@@ -263,52 +267,52 @@ def test_encodings_and_ends_of_lines(tmp_path, encode, end):
     ("suffix", "text", "message"),
     [
         (".fcsv", "", "is empty. Export"),
-        (".fcsv", "# nothing\n", "holds no landmark. Export"),
+        (".fcsv", "# nothing\n", "contains no landmarks. Export"),
         (".fcsv", "a\0b", "is not text.*UTF-8"),
         (".csv", codecs.BOM_UTF16_LE + b"a", "UTF-16-LE, but byte 0.*UTF-8"),
-        (".fcsv", "1,2,3\n", "line 1: 3 cells, where.*cut short"),
-        (".fcsv", "# columns = id,x,y\n", "line 1: no column 'z' among id, x, y"),
-        (".fcsv", "# CoordinateSystem = IJK\n", "line 1: the system of coordinates 'IJK' is none"),
+        (".fcsv", "1,2,3\n", "line 1: the line has 3 cells, but .*truncated"),
+        (".fcsv", "# columns = id,x,y\n", "line 1: there is no column 'z' among id, x, y"),
+        (".fcsv", "# CoordinateSystem = IJK\n", "line 1: the coordinate system 'IJK' is neither"),
         (".fcsv", "\n0,1,2,here,0,0,0,1,1,1,0,a,,\n", "line 2: 'here' is not a number. Write"),
-        (".fcsv", "0,1,,3,0,0,0,1,1,1,0,a,,\n", "line 1: the landmark is known in part.*NA three"),
-        (".mrk.json", '{\n"markups":', "is not JSON: .*line 2.*Is the file whole"),
-        (".mrk.json", "[" * 100_000, "is not JSON.*Is the file whole"),
-        (".mrk.json", "[]", "markups: is no list of markups.*Save the landmarks"),
-        (".mrk.json", '{"markups": []}', "holds no markup. Save the list"),
-        (".mrk.json", '{"markups": [{"controlPoints": [{"label": "a"}]}]}', "point 1: has the po"),
-        (".mrk.json", '{"markups": [{"controlPoints": 3}]}', "controlPoints: is no list"),
-        (".mrk.json", '{"markups": [{"controlPoints": [3]}]}', "point 1: is not a point"),
-        (".mrk.json", '{"markups": [{"controlPoints": []}]}', "holds no landmark"),
+        (".fcsv", "0,1,,3,0,0,0,1,1,1,0,a,,\n", "line 1: the landmark has only some of.*NA three"),
+        (".mrk.json", '{\n"markups":', "is not valid JSON: .*line 2.*truncated"),
+        (".mrk.json", "[" * 100_000, "is not valid JSON.*truncated"),
+        (".mrk.json", "[]", "markups: it is not a list of markups.*Save the land"),
+        (".mrk.json", '{"markups": []}', "contains no markup. Save the list"),
+        (".mrk.json", '{"markups": [{"controlPoints": [{"label": "a"}]}]}', "point 1: it has the"),
+        (".mrk.json", '{"markups": [{"controlPoints": 3}]}', "controlPoints: it is not a list"),
+        (".mrk.json", '{"markups": [{"controlPoints": [3]}]}', "point 1: it is not a point"),
+        (".mrk.json", '{"markups": [{"controlPoints": []}]}', "contains no landmarks"),
         (".mrk.json", _mrk([("a", [0, 0, 0], "lost")]), "point 1: the position has the status 'l"),
         (".mrk.json", _mrk([("a", [1, np.inf, 0], "defined")]), "point 1: 'inf' is not a number"),
-        (".pp", "<PickedPoints>\n<point x=", "line 2: unclosed token.*Is the file whole"),
-        (".pp", "<html/>", "begins with <html>, not with <PickedPoints>"),
+        (".pp", "<PickedPoints>\n<point x=", "line 2: unclosed token.*truncated"),
+        (".pp", "<html/>", "begins with <html>, but .*<PickedPoints>"),
         (".pp", PP.replace('"1.5"', '"far"'), "line 7: 'far' is not a number"),
-        (".pp", '<!DOCTYPE a [<!ENTITY b "c">]><PickedPoints/>', "line 1: it declares entities"),
-        (".tps", "1 2 3\n", "line 1: '1 2 3' stands before the first LM3="),
+        (".pp", '<!DOCTYPE a [<!ENTITY b "c">]><PickedPoints/>', "line 1: it declares XML ent"),
+        (".tps", "1 2 3\n", "line 1: '1 2 3' is before the first LM3="),
         (".tps", "ID=3\n", "has no line LM3="),
-        (".tps", "LM=2\n1 2\n3 4\n", "line 1: LM= begins landmarks of two dimensions"),
+        (".tps", "LM=2\n1 2\n3 4\n", "line 1: LM= begins two-dimensional landmarks"),
         (".tps", "LM3=two\n", "line 1: LM3=two is not a number of landmarks"),
-        (".tps", "LM3=2\n1 2 3\n", "line 1: LM3=2, but 1 lines of coordinates.*cut short"),
-        (".tps", "LM3=1\n1 2\n", "line 2: 2 numbers, where three"),
-        (".tps", TPS, "line 3: the landmark is known in part"),
-        (".tps", "LM3=1\n1 2 3\nSCALE=0\n", "of line 1: SCALE=0 is not a number above zero"),
-        (".tps", "LM3=1\n1 2 1e300\nSCALE=1e9\n", "line 2: multiplied by SCALE=1e.09 .*Correct"),
-        (".pts", "1 2 3\n", "line 1: it begins with '1 2 3'.*name it .txt"),
+        (".tps", "LM3=2\n1 2 3\n", "line 1: LM3=2, but 1 lines of coordinates.*truncated"),
+        (".tps", "LM3=1\n1 2\n", "line 2: the line has 2 cells, but needs three"),
+        (".tps", TPS, "line 3: the landmark has only some of"),
+        (".tps", "LM3=1\n1 2 3\nSCALE=0\n", "in line 1: SCALE=0 is not a positive number"),
+        (".tps", "LM3=1\n1 2 1e300\nSCALE=1e9\n", "line 2: .* multiplied by SCALE=1e.09.*Correct"),
+        (".pts", "1 2 3\n", "line 1: .*begins with '1 2 3'.*rename it to .txt"),
         (".pts", "Version 1.0\nS0 1 2 3\n", "line 2: the number of points must follow"),
-        (".pts", "Version 1.0\n2\nS0 1 2 3\n", "2 points are said to follow, but there are 1"),
+        (".pts", "Version 1.0\n2\nS0 1 2 3\n", "2 points are declared, but 1 follow"),
         (".pts", "Version 1.0\n1\nS0 1\n", "line 3: 'S0 1' is not a name with three coordinates"),
-        (".csv", "some words\n", "line 1: 'some words' is neither a head.*name,x,y,z.*in quotes"),
+        (".csv", "some words\n", "line 1: 'some words' is neither a header.*name,x,y,z.*in quotes"),
         (".csv", "1,2\n", "line 1: '1,2' is neither"),
         (".csv", "1,5,2,5,3,5\n", "line 1: '1,5,2,5,3,5' is neither"),
-        (".csv", "x,y,z\n", "holds no landmark"),
-        (".csv", "1,2,3\n4,5\n", "line 2: 2 cells, where the first line has 3"),
+        (".csv", "x,y,z\n", "contains no landmarks"),
+        (".csv", "1,2,3\n4,5\n", "line 2: the line has 2 cells, but the first line has 3"),
         (".csv", "1,2,3\na,5,6\n", "line 2: 'a' is not a number"),
-        (".csv", "7,1,2,3\n4,5,6,9\n", "line 1: four numbers, of which any may be the name"),
-        (".csv", "x;y;z\n1,5;2;3\n1.234;2;3\n", "line 2: decimal commas, where other numbers"),
-        (".csv", "name,x,y,z\na,1,2,3\na,4,5,6\n", "of one name: 'a' \\(line 2 and line 3"),
+        (".csv", "7,1,2,3\n4,5,6,9\n", "line 1: the line has four numbers, and it is not"),
+        (".csv", "x;y;z\n1,5;2;3\n1.234;2;3\n", "line 2: the line has decimal commas, but"),
+        (".csv", "name,x,y,z\na,1,2,3\na,4,5,6\n", "same name: 'a' \\(line 2 and line 3"),
         (".csv", "x,y,z,radius\n1,2,3,wide\n", "line 2: 'wide' in column radius is not a number"),
-        (".csv", "x,y,z,coverage\n1,2,3,0.9\n1,2,3,0.8\n", "several numbers in column coverage"),
+        (".csv", "x,y,z,coverage\n1,2,3,0.9\n1,2,3,0.8\n", "different numbers in column coverage"),
     ],
 )  # fmt: skip
 def test_a_fault_names_the_file_the_line_and_the_remedy(tmp_path, suffix, text, message):
@@ -342,7 +346,7 @@ def test_what_is_no_landmark_file_is_refused(tmp_path):
         read_landmarks(tmp_path / "cat.docx")
     with pytest.raises(FileNotFoundError, match=r"no landmark file .*cat\.fcsv"):
         read_landmarks(tmp_path / "cat.fcsv")
-    with pytest.raises(TypeError, match="read from a path; got 3"):
+    with pytest.raises(TypeError, match="path of a landmark file; got 3"):
         read_landmarks(3)
     with pytest.raises(ValueError, match="system must be one of"):
         _read(tmp_path, ".csv", "1,2,3\n", system="lps")
@@ -411,7 +415,7 @@ def test_no_file_is_overwritten_unasked(tmp_path, predicted, suffix):
 
 
 def test_what_cannot_be_written_is_refused(tmp_path, predicted):
-    with pytest.raises(TypeError, match=r"skfmap\.Landmarks are written; got list"):
+    with pytest.raises(TypeError, match=r"must be skfmap\.Landmarks; got list"):
         write_landmarks([1, 2, 3], tmp_path / "cat.csv")
     with pytest.raises(ValueError, match=r"suffix '.docx'; landmarks are written as .fcsv"):
         write_landmarks(predicted, tmp_path / "cat.docx")
@@ -521,7 +525,7 @@ def test_the_other_system_of_coordinates_is_recognised_and_told(folder, collecti
         marks = placed(i)
         points = marks.points * ([-1, -1, 1] if i == 1 else 1)
         write_landmarks(Landmarks(points, marks.names), folder / f"body{i}.fcsv")
-    with pytest.warns(RepairWarning, match=r"body1.*x and y negated.*the file says LPS"):
+    with pytest.warns(RepairWarning, match=r"body1.*x and y .*negated.*the file says LPS"):
         data = load_collection(folder)
     assert _joined(data, 1) == _partners(collection, 1)
     assert_array_equal(data.landmarks[1].points, placed(1).points)
@@ -541,7 +545,7 @@ def test_the_scale_of_a_tps_file_is_applied_and_told(folder, collection, placed)
 @pytest.mark.parametrize(
     ("files", "message"),
     [
-        (("body1.fcsv", "body1_LM.csv"), r"2 files of landmarks.*body1\.fcsv, body1_LM\.csv"),
+        (("body1.fcsv", "body1_LM.csv"), r"2 landmark files.*body1\.fcsv, body1_LM\.csv"),
         (("body2.fcsv",), r"for some meshes, but none for \['body1'\]"),
     ],
 )
@@ -560,7 +564,7 @@ def test_landmarks_by_name_do_not_go_with_points_by_number(folder, collection, p
     for i in (0, 1):
         write_landmarks(placed(i), folder / f"body{i}.fcsv")
     np.savetxt(folder / "body2.txt", collection.truths[2].pairs, fmt="%d")
-    message = r"'body2' has points by number \(NAME.txt\), but 'body0' has landmarks by name"
+    message = r"'body2' has numbered points \(NAME.txt\), but 'body0' has named landmarks"
     with pytest.raises(CorrespondenceError, match=message):
         load_collection(folder)
 
@@ -579,11 +583,11 @@ def test_a_file_belongs_to_the_mesh_with_the_longest_name(tmp_path):
 @pytest.mark.parametrize(
     ("content", "message"),
     [
-        ("{", "is not JSON"),
+        ("{", "is not valid JSON"),
         (_mrk([("a", [0, 0, 0], "undefined")]), "holds no landmark that was placed"),
         (
             _mrk([("a", [0, 0, 0], "defined"), ("a", [0, 0, 1], "defined")]),
-            "several points of one name: 'a'",
+            "several points with the same name: 'a'",
         ),
         (
             _mrk([(f"L{j}", [50 + j / 1000, 50, 50], "defined") for j in range(9)]),
@@ -662,7 +666,7 @@ def test_landmarks_without_a_name_in_common_are_refused(folder, placed):
     for i in range(3):
         names = [f"{'F' if i < 2 else 'tom'}-{j}" for j in range(40)]
         write_landmarks(Landmarks(placed(i).points, names), folder / f"body{i}.fcsv")
-    message = "'body2' has no landmark of the same name as 'body0': tom-0, .* against F-0, .*alike"
+    message = "'body2' and 'body0' have no landmark name in common: tom-0, .* against F-0, .*same"
     with pytest.raises(CorrespondenceError, match=message):
         load_collection(folder)
 

@@ -84,7 +84,7 @@ def test_centroid_size_is_that_of_all_distances_between_landmarks():
 def test_half_known_landmarks_are_refused():
     points = _specimens(2)
     points[0, 0, 0] = np.nan
-    with pytest.raises(ValueError, match="known in part"):
+    with pytest.raises(ValueError, match="partly NaN"):
         centroid_sizes(points)
     with pytest.raises(ValueError, match=r"shape \(n_specimens, n_landmarks, 3\)"):
         centroid_sizes(BASE)
@@ -138,7 +138,7 @@ def test_arrays_come_back_without_pickle(tmp_path):
 def test_a_file_that_exists_is_kept_unless_it_is_to_be_replaced(tmp_path):
     path = tmp_path / "table.csv"
     path.write_text("mine")
-    with pytest.raises(FileExistsError, match="give overwrite=True to replace it"):
+    with pytest.raises(FileExistsError, match="set overwrite=True to replace it"):
         write_table(_marks(_specimens()), path)
     assert path.read_text() == "mine"
     write_table(_marks(_specimens()), path, overwrite=True)
@@ -183,7 +183,9 @@ def test_missing_landmarks_change_nothing_where_specimens_are_alike():
 def test_specimens_that_cannot_be_turned_are_told():
     points = _specimens(3)
     points[1, 2:] = np.nan
-    with pytest.raises(ValueError, match="Specimen 1 has 2 landmarks; it takes 3"):
+    with pytest.raises(
+        ValueError, match="Specimen 1 has 2 landmarks, but alignment takes at least 3"
+    ):
         align_landmarks(points)
 
 
@@ -242,7 +244,7 @@ def test_other_specimens_and_other_landmarks_are_refused():
         shrinkage(marks, marks[:7])
     with pytest.raises(CorrespondenceError, match="no name in common"):
         shrinkage(_marks(_specimens(), [f"q{i}" for i in range(9)]), marks)
-    with pytest.raises(ValueError, match="takes 3 specimens to tell how they vary; got 2"):
+    with pytest.raises(ValueError, match="takes at least 3 specimens to estimate variances; got 2"):
         shrinkage(marks[:2], marks[:2])
 
 
@@ -301,7 +303,9 @@ def test_specimens_are_joined_by_their_names():
     marks = _marks(_specimens(2))
     with pytest.raises(CorrespondenceError, match=r"first\[0\] has no name"):
         observer_error([Landmarks(BASE)], marks)
-    with pytest.raises(CorrespondenceError, match="Several specimens of second have one name: s0"):
+    with pytest.raises(
+        CorrespondenceError, match="Several specimens of second have the same name: s0"
+    ):
         observer_error(marks, [marks[0], marks[0]])
 
 

@@ -64,7 +64,7 @@ def test_a_model_that_went_through_a_bridge_says_that_it_must_be_fitted_again(tm
                 _bridged(schema)
                 content = json.dumps(schema)
             new.writestr(name, content)
-    with pytest.raises(OutdatedModelError, match=r"fit it again, with skfmap\.BridgedLearner"):
+    with pytest.raises(OutdatedModelError, match=r"Fit it again, with skfmap\.BridgedLearner"):
         load_model(path)
 
 

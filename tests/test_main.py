@@ -67,7 +67,7 @@ def test_without_skops_the_model_is_of_joblib(folder, monkeypatch, capsys):
     [
         (["nowhere"], "no folder nowhere"),
         (["{}", "--pattern", "dog*"], "no mesh 'dog*'"),
-        (["{}", "--reference", "body9"], "reference='body9' is not among"),
+        (["{}", "--reference", "body9"], "reference='body9' is not one of"),
         (["{}", "--folds", "0"], "--folds must be an integer at least 1"),
         (["{}", "--pattern", "body[01]"], "needs a reference and at least two more"),
     ],
@@ -184,7 +184,7 @@ def test_the_command_line_says_what_is_wrong_before_it_computes(tmp_path, capsys
     assert main(["--output", str(tmp_path / "file")]) == 2
     assert "--output" in capsys.readouterr().err
     assert main([str(tmp_path), "--pattern", "/x", "--output", str(tmp_path / "out")]) == 2
-    assert "pattern must be the name of meshes" in capsys.readouterr().err
+    assert "pattern must match names of meshes" in capsys.readouterr().err
 
 
 @pytest.mark.filterwarnings("ignore::skfmap.exceptions.DisagreementWarning")

@@ -229,10 +229,10 @@ def test_a_mesh_in_the_place_of_its_distances_is_told_apart(sphere, truth):
     p2p = np.arange(sphere.n_vertices)
     with pytest.raises(
         TypeError,
-        match=r"A GeodesicDistances is expected here; got Mesh. GeodesicDistances\(mesh\)",
+        match=r"Expected a GeodesicDistances; got Mesh\. Create it with GeodesicDistances\(mesh\)",
     ):
         geodesic_error(p2p, truth, truth, sphere)
-    with pytest.raises(TypeError, match="A Correspondence is expected here; got ndarray"):
+    with pytest.raises(TypeError, match="Expected a Correspondence; got ndarray"):
         geodesic_error(p2p, truth, truth.pairs, GeodesicDistances(sphere))
 
 

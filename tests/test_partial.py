@@ -14,7 +14,13 @@ from sklearn.pipeline import make_pipeline
 import skfmap
 from skfmap import Mesh, PartialMatcher
 from skfmap.datasets import make_creatures
-from skfmap.exceptions import RepairWarning, SkippedShapeWarning, UnfamiliarShapeWarning
+from skfmap.exceptions import (
+    OrientationWarning,
+    RepairWarning,
+    SkippedShapeWarning,
+    StabilityWarning,
+    UnfamiliarShapeWarning,
+)
 from skfmap.functional.samples import farthest_points
 from skfmap.geometry.closest import ClosestPoints
 from skfmap.geometry.cutting import rim_length
@@ -26,6 +32,7 @@ from skfmap.partial import Cut, DiscCut, LimbCut, PlaneCut, ViewCut
 from skfmap.partial.consistency import hypotheses
 from skfmap.partial.laying import lay_on_part
 from skfmap.partial.scan import scan_of
+from skfmap.partial.sides import Sides
 from skfmap.persistence import load_model, save_model
 from skfmap.registration import Deformation
 
@@ -155,9 +162,7 @@ def test_what_was_given_is_not_changed_and_answers_are_the_same_for_any_number_o
     matcher, match, scan, creatures
 ):
     before = scan.content_hash
-    again = clone(matcher)  # parameters alone
-    again.__dict__.update({k: v for k, v in vars(matcher).items() if k.endswith("_")})
-    first, second = skfmap.match(again.set_params(n_jobs=2), [scan, scan])
+    first, second = skfmap.match(with_parameters(matcher, n_jobs=2), [scan, scan])
     for one in (first, second):
         assert np.array_equal(one.p2p, match.p2p)
         assert np.array_equal(one.covered_probability, match.covered_probability)
@@ -413,10 +418,142 @@ def test_words_of_a_match_are_checked_where_all_are_parts(wrong, matcher, scan):
         matcher.match([scan], **wrong)
 
 
-@pytest.mark.parametrize("ask", [skfmap.register, skfmap.predict_landmarks])
-def test_what_parts_cannot_be_asked_is_told(ask, matcher, scan):
-    with pytest.raises(TypeError, match=r"PartialMatcher cannot"):
-        ask(matcher, [scan, scan])
+def test_the_reference_is_laid_onto_a_part(matcher, match, scan, creatures):
+    reference = creatures.meshes[0]
+    (laid,) = skfmap.register(matcher, [scan])
+    assert laid.fits
+    assert np.array_equal(laid.faces, reference.faces)
+    near = ClosestPoints(scan.vertices, scan.faces).of(laid.vertices)
+    assert np.allclose(near.distances, laid.distance)
+    unit = np.sqrt(reference.area)
+    assert laid.distance[match.covered].mean() < 0.02 * unit < laid.distance[~match.covered].mean()
+    # What is not scanned lies where the creature is.
+    hidden = ~shown(creatures, scan)[0]
+    at = creatures.meshes[5].vertices[_vertices(creatures, 5)]
+    gaps = np.linalg.norm(laid.vertices[_vertices(creatures, 0)] - at, axis=1) / unit
+    assert gaps[hidden].mean() < 0.15
+    assert laid.mesh.name == scan.name
+
+
+def test_laid_meshes_turn_with_the_scan(matcher, scan):
+    turn = Rotation.random(random_state=2).as_matrix()
+    moved = Mesh(scan.vertices @ turn.T + 7.0, scan.faces)
+    one, other = skfmap.register(matcher, [scan, moved])
+    gaps = np.linalg.norm(one.vertices @ turn.T + 7.0 - other.vertices, axis=1)
+    assert np.median(gaps) < 0.01 * np.sqrt(scan.area)
+
+
+def test_whole_shapes_are_registered_by_the_pipeline_or_it_is_told(matcher, scan, creatures):
+    with pytest.raises(ValueError, match="refine='register'"):
+        skfmap.register(matcher, [scan, creatures.meshes[5]])
+    crumb = DiscCut(0.1, 0.1).cut(creatures.meshes[5], np.random.default_rng(0))
+    with pytest.warns(SkippedShapeWarning, match=r"X\[0\]"):
+        (nothing,) = skfmap.register(matcher, [crumb])
+    assert np.isnan(nothing.vertices).all()
+    assert not nothing.fits
+
+
+def with_parameters(matcher, **given):
+    """Return a fitted matcher with other parameters, of those that fit does not look at."""
+    again = clone(matcher).set_params(**given)
+    again.__dict__.update({k: v for k, v in vars(matcher).items() if k.endswith("_")})
+    return again
+
+
+def test_faces_that_are_wound_inwards_are_told_and_turned(matcher, match, scan):
+    with pytest.warns(OrientationWarning, match=r"wound inwards on X\[1\]"):
+        right, turned = skfmap.match(matcher, [scan, Mesh(scan.vertices, scan.faces[:, ::-1])])
+    for found in (right, turned):
+        assert np.array_equal(found.p2p, match.p2p)
+        assert np.array_equal(found.covered, match.covered)
+    assert turned.familiar
+
+
+@pytest.mark.parametrize("factor", [0.001, 40.0])
+def test_the_scale_of_a_scan_is_estimated_with_its_map(factor, matcher, match, scan, creatures):
+    anything = with_parameters(matcher, scale="estimated")
+    (found,) = skfmap.match(anything, [Mesh(factor * scan.vertices, scan.faces)])
+    assert found.scale * factor == pytest.approx(1, abs=0.12)
+    assert found.familiar
+    assert error_of(found, creatures, scan) < 1.5 * error_of(match, creatures, scan) + 0.01
+    (laid,) = skfmap.register(anything, [Mesh(factor * scan.vertices, scan.faces)])
+    assert laid.distance[found.covered].mean() < 0.02 * factor * np.sqrt(creatures.meshes[0].area)
+
+
+def test_whole_shapes_in_other_units_need_no_estimate(matcher, creatures):
+    whole = creatures.meshes[5]
+    for model in (matcher, with_parameters(matcher, scale="estimated")):
+        (found,) = skfmap.match(model, [Mesh(1000 * whole.vertices, whole.faces)])
+        assert found.covered.all()
+        assert found.scale is None
+
+
+def test_a_kind_is_sided_if_nearly_all_of_many_parts_are_unlike_their_images():
+    scores = np.linspace(-8.0, -4.0, 20)
+    unlike = np.where(np.arange(20) < 3, scores, scores - 3.0)
+    assert Sides.learned(scores, unlike).sided
+    assert not Sides.learned(scores[:7], scores[:7] - 3.0).sided
+    assert not Sides.learned(scores, scores[::-1]).sided
+    assert not Sides.learned(scores, np.where(np.arange(20) < 5, scores, scores - 3.0)).sided
+    assert Sides.learned(scores, unlike).usual == pytest.approx(-6.0)
+
+
+def ribbon(mesh):
+    """Return a body as a flat ribbon that is turned about its axis, always to one side."""
+    x, y, z = (mesh.vertices * [1.5, 1.0, 0.35]).T
+    c, s = np.cos(1.5 * x), np.sin(1.5 * x)
+    return Mesh(np.column_stack([x, c * y - s * z, s * y + c * z]), mesh.faces, mesh.name)
+
+
+def test_mirror_images_of_a_sided_kind_are_told(collection):
+    pipeline = make_pipeline(
+        skfmap.SpectralBasis(30),
+        skfmap.DescriptorTransformer(),
+        skfmap.WeightedFunctionalMapLearner(n_functions=15, confidence=None),
+    )
+    ribbons = [ribbon(mesh) for mesh in collection.meshes]
+    model = PartialMatcher(pipeline, cuts="planes", n_cuts=3, n_calibrated=3)
+    model.fit(ribbons[:5], collection.truths[:5])
+    assert model.sides_.sided
+    scan = PlaneCut(0.7, 0.7).cut(ribbons[5], np.random.default_rng(0))
+    image = Mesh(scan.vertices * [1, -1, 1], scan.faces[:, ::-1], "image")
+    with pytest.warns(OrientationWarning, match=r"As mirror images.*X\[1\] \('image'\)"):
+        right, mirrored = skfmap.match(model, [scan, image])
+    assert right.familiar
+    assert mirrored.familiar is False
+
+
+@pytest.fixture(scope="module")
+def measuring(creatures, pipeline):
+    """Return a matcher that learned measured points."""
+    pipeline = clone(pipeline).set_params(weightedfunctionalmaplearner__n_functions=12)
+    model = PartialMatcher(pipeline, cuts=["planes", "limbs"], n_cuts=2, n_calibrated=1)
+    return model.fit(creatures.meshes[:4], [marks_of(creatures, i) for i in range(4)])
+
+
+def marks_of(creatures, i):
+    at = creatures.meshes[i].vertices[_vertices(creatures, i)[::4]]
+    return skfmap.Correspondence.from_points(at, creatures.meshes[i])
+
+
+def test_landmarks_are_placed_where_a_part_shows_them(measuring, scan, creatures):
+    found, whole = skfmap.predict_landmarks(measuring, [scan, creatures.meshes[5]])
+    seen, at = (rows[::4] for rows in shown(creatures, scan))
+    placed = found.placed
+    assert (placed == seen).mean() > 0.8
+    unit = np.sqrt(creatures.meshes[0].area)
+    both = placed & seen
+    gaps = np.linalg.norm(found.points[both] - at[both], axis=1)
+    assert gaps.mean() < 0.1 * unit
+    assert 0.3 < found.expected_error[both].mean() / gaps.mean() < 3
+    assert np.isnan(found.expected_error[~placed]).all()
+    (alone,) = skfmap.predict_landmarks(measuring.estimator_, [creatures.meshes[5]])
+    np.testing.assert_array_equal(whole.points, alone.points)
+
+
+def test_landmarks_need_measured_points_also_where_all_are_parts(matcher, scan):
+    with pytest.raises(ValueError, match="fitted with measured points"):
+        skfmap.predict_landmarks(matcher, [scan])
 
 
 def test_cuts_of_ones_own(creatures, pipeline):
@@ -434,6 +571,7 @@ def test_cuts_of_ones_own(creatures, pipeline):
         ({"cuts": PlaneCut(0.9, 0.4)}, ValueError, "high"),
         ({"cuts": []}, ValueError, "cuts must be"),
         ({"n_cuts": 0}, ValueError, "n_cuts"),
+        ({"scale": "millimetres"}, ValueError, "scale must be one of 'estimated', 'known'"),
         ({"n_calibrated": 13}, ValueError, "n_calibrated"),
         ({"estimator": skfmap.WeightedFunctionalMapLearner()}, TypeError, "must be a Pipeline"),
         (
@@ -452,6 +590,17 @@ def test_wrong_parameters(given, error, message, creatures, pipeline):
 def test_too_few_shapes(creatures, pipeline):
     with pytest.raises(ValueError, match="needs the reference and two more"):
         PartialMatcher(pipeline).fit(creatures.meshes[:2], creatures.correspondences[:2])
+
+
+def test_three_shapes_are_few_and_a_weight_of_nothing_leaves_one_out(creatures, pipeline, scan):
+    model = PartialMatcher(pipeline, cuts="planes", n_cuts=1, n_calibrated=1)
+    with pytest.warns(StabilityWarning, match="from 2 shapes beside the reference") as told:
+        model.fit(creatures.meshes[:4], creatures.correspondences[:4], [0, 1, 0, 1])
+    assert len(told) == 1
+    assert len(model.areas_) == 3
+    (match,) = skfmap.match(model, [scan])
+    assert match.reference_name == creatures.meshes[0].name
+    assert 0.3 < match.covered.mean() < 0.9
 
 
 def test_distances_correct_what_surroundings_get_wrong(creatures):

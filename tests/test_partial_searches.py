@@ -108,6 +108,7 @@ def test_saying_nothing_costs_as_much_as_answering_at_random(model, held_out):
     assert errors.direct[~said_nothing].mean() < 0.5 * at_random
 
 
+@pytest.mark.filterwarnings("ignore:PartialMatcher learned from 2 shapes")
 def test_a_search_pins_the_reference_and_reaches_into_the_pipeline(unfitted, creatures):
     grid = {
         "estimator__weightedfunctionalmaplearner__epsilon": ["auto"],
@@ -123,6 +124,7 @@ def test_a_search_pins_the_reference_and_reaches_into_the_pipeline(unfitted, cre
     assert 0 < match.covered.mean() < 1
 
 
+@pytest.mark.filterwarnings("ignore:PartialMatcher learned from 2 shapes")
 def test_weights_are_routed_and_scores_are_the_same_for_any_number_of_jobs(unfitted, creatures):
     meshes, truths = creatures.meshes[:4], creatures.correspondences[:4]
     weight = np.array([1.0, 1, 2, 5])

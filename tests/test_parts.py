@@ -156,7 +156,7 @@ def test_an_override_is_checked_and_learns_nothing(make_learner, probed, collect
         np.testing.assert_array_equal(learner.match(probed[5:], refine=same)[0].p2p, fitted.p2p)
     other = make_learner(n_functions=8, confidence=None).fit(probed[:3], collection.truths[:3])
     with pytest.raises(
-        ValueError, match=r"AllAlike\(\) learns from training shapes: give it to the"
+        ValueError, match=r"AllAlike\(\) learns from training shapes; give it to the"
     ):
         other.match(probed[5:], refine=AllAlike())
 

@@ -276,7 +276,9 @@ def test_bad_input_is_told(measuring, probed, collection, learner, measured):
     with pytest.raises(ValueError, match="reference_y"):
         get_scorer("neg_landmark_error", reference_y=measured[0])
     unnamed = replace(measured[5], names=None)
-    with pytest.raises(CorrespondenceError, match=r"No landmark of y was learned: 1, 2, .*mark 0"):
+    with pytest.raises(
+        CorrespondenceError, match=r"No landmark of y was learned: y has 1, 2, .*mark 0"
+    ):
         get_scorer("neg_landmark_error")(measuring, probed[5:], [unnamed])
     with pytest.raises(TypeError, match=r"y\[1\].*from_points\(landmarks, mesh\)"):
         clone(learner).fit(probed[:2], [measured[0], measured[1].landmarks])

@@ -620,12 +620,13 @@ def test_a_misfit_is_one_where_a_reference_lies_as_usual():
     usual = Quality(0.04, 0.06, 0.01, 0.03)
     limits = Limits(0.5, usual)
     assert limits.misfit(usual) == pytest.approx(1.0)
-    assert not limits.doubt(usual)
-    assert limits.doubt(usual._replace(energy=0.09))
-    assert limits.doubt(usual._replace(uncovered=0.4))
+    assert limits.doubt(usual._replace(energy=0.09)) == pytest.approx(2.0)
+    assert limits.doubt(usual._replace(stretched=0.9)) == pytest.approx(1.0)
+    # What does not fit is in doubt whatever its misfit.
+    assert limits.doubt(usual._replace(uncovered=0.4)) == np.inf
     # Kinds that hardly vary: nothing is doubtful that is off by less than a few in a hundred.
     still = Limits(0.5, Quality(0.0, 0.0, 0.0, 0.0))
-    assert not still.doubt(Quality(0.02, 0.02, 0.0, 0.01))
+    assert still.doubt(Quality(0.02, 0.02, 0.0, 0.01)) < 1.5
 
 
 class Scrambled(BijectiveZoomOut):
@@ -645,7 +646,7 @@ def test_other_starts_are_tried_where_the_first_does_not_fit(creatures, monkeypa
     _, truths, shapes = creatures
     learner = learner_that(Registration(Scrambled(), stiffness=0.3), confidence=None)
     learner.fit(shapes[:5], truths[:5])
-    monkeypatch.setattr(Limits, "doubt", lambda *_: False)  # nothing else is tried then
+    monkeypatch.setattr(Limits, "doubt", lambda *_: 0.0)  # nothing else is tried then
     with pytest.warns(UnfamiliarShapeWarning, match="does not fit"):
         with_one = learner.register(shapes[5:])[0]
     monkeypatch.undo()

@@ -96,7 +96,7 @@ def test_what_no_folder_holds_is_told_and_nothing_is_written(balls, tmp_path):
         "no pairs": [Correspondence(np.empty((0, 2), dtype=int))] * 3,
         "there are 66 vertices": [Correspondence([[66, 0]])] * 3,
         "symmetric answers": [replace(named, symmetric_pairs=pairs.pairs)] * 3,
-        "Give all of them of one kind": [named, named, pairs],
+        "of the same kind": [named, named, pairs],
     }
     for said, truths in faults.items():
         with pytest.raises(CorrespondenceError, match=said):

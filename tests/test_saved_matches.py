@@ -185,7 +185,7 @@ def test_what_cannot_be_written_leaves_no_empty_folder(match, tmp_path):
         unknown.save(tmp_path / "out")
     assert not (tmp_path / "out").exists()
     (tmp_path / "file").write_text("")
-    with pytest.raises(NotADirectoryError, match=r"is a file; give a folder"):
+    with pytest.raises(NotADirectoryError, match=r"is a file. Give a folder"):
         match.save(tmp_path / "file")
 
 
@@ -289,7 +289,7 @@ def test_landmarks_without_a_match_are_missing(turned, tmp_path):
 
 def test_what_cannot_be_saved_is_told(turned, tmp_path):
     marks = Landmarks(turned.reference_mesh.vertices[:1] + 50, ["a"])
-    with pytest.raises(CorrespondenceError, match="are they its own"):
+    with pytest.raises(CorrespondenceError, match="Check that they belong to it"):
         turned.save(tmp_path / "ball.fcsv", landmarks=marks)
     with pytest.raises(ValueError, match=r"landmarks=skfmap\.io\.read_landmarks"):
         turned.save(tmp_path / "ball.fcsv")
@@ -297,7 +297,7 @@ def test_what_cannot_be_saved_is_told(turned, tmp_path):
         turned.save(tmp_path / "ball.xyz")
     with pytest.raises(FileNotFoundError, match="no folder"):
         turned.save(tmp_path / "nowhere" / "ball.csv")
-    with pytest.raises(ValueError, match="uv and texture together"):
+    with pytest.raises(ValueError, match="Give both uv and texture"):
         turned.save(tmp_path / "ball.glb", uv=np.zeros((3, 2)))
     far = Mesh(turned.mesh.vertices + 1e7, turned.mesh.faces)
     with pytest.raises(ValueError, match="single precision"):

@@ -434,8 +434,8 @@ def test_a_search_takes_several_scores(make_learner, probed, collection):
 @pytest.mark.parametrize(
     ("names", "message"),
     [
-        ((), "each once"),
-        (["neg_geodesic_error"] * 2, "each once"),
+        ((), "distinct names"),
+        (["neg_geodesic_error"] * 2, "distinct names"),
         (["accuracy"], "must be one of"),
     ],
 )

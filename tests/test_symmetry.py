@@ -126,13 +126,13 @@ def test_a_landmark_without_its_partner_has_no_components():
 
 
 def test_pairings_must_name_each_landmark_once():
-    with pytest.raises(CorrespondenceError, match="chin: neither in a pair nor on the midline"):
+    with pytest.raises(CorrespondenceError, match="chin is neither in a pair nor on the midline"):
         Pairing(NAMES, PAIRS, ["nose"])
-    with pytest.raises(CorrespondenceError, match="eye_L: in two pairs"):
+    with pytest.raises(CorrespondenceError, match="eye_L is in two pairs"):
         Pairing(NAMES, [*PAIRS, ("eye_L", "chin")], ["nose"])
-    with pytest.raises(CorrespondenceError, match="tail: no such landmark; there are nose"):
+    with pytest.raises(CorrespondenceError, match="There is no landmark tail; there are nose"):
         Pairing(NAMES, PAIRS, ["nose", "chin", "tail"])
-    with pytest.raises(ValueError, match="array has 7 landmarks, but the pairing names 8"):
+    with pytest.raises(ValueError, match="array has 7 landmarks, but the pairing has 8"):
         symmetric_component(_specimens()[:, :7], PAIRING)
     with pytest.raises(TypeError, match="pairing must be a Pairing; got list"):
         symmetric_component(_specimens(), PAIRS)
@@ -161,9 +161,11 @@ def test_names_without_a_partner_are_on_the_midline_unless_they_say_a_side():
     pair, middle = ("eye_L", "eye_R"), ("lambda", "rostrum", "nasal")
     assert propose_pairing([*middle, *pair]).midline == middle
     for alone in ("ear_R", "right eye", "L3"):
-        with pytest.raises(CorrespondenceError, match=f"{alone}: the name says a side"):
+        with pytest.raises(CorrespondenceError, match=f"{alone}: the name contains a side"):
             propose_pairing([*pair, alone])
-    with pytest.raises(CorrespondenceError, match="several landmarks could be the mirror image"):
+    with pytest.raises(
+        CorrespondenceError, match="more than one landmark could be the mirror image"
+    ):
         propose_pairing(["L_L", "R_L", "L_R"])
-    with pytest.raises(CorrespondenceError, match="No two names differ by a side: L1, L2"):
+    with pytest.raises(CorrespondenceError, match="No two names differ only by their side: L1, L2"):
         propose_pairing(["L1", "L2"])

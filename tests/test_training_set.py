@@ -113,7 +113,7 @@ def test_a_reference_that_cannot_be_used_is_refused(probed, collection):
         MeshError, match=r"The reference, X\[0\] \('broken'\), cannot be used: It has"
     ):
         _samples([broken, *probed[1:4]], collection.truths[:4], on_invalid="skip")
-    with pytest.raises(MeshError, match=r"No shape can be used: It has no faces\. All others"):
+    with pytest.raises(MeshError, match=r"No shape can be used\. The first: It has no faces"):
         _samples([broken] * 2, collection.truths[:2], on_invalid="skip", reference="medoid")
 
 

@@ -1,4 +1,4 @@
-"""The command line, one module for each verb."""
+"""The command line, with one module for each verb."""
 
 from skfmap.commands.dispatch import main
 

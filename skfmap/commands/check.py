@@ -1,4 +1,4 @@
-"""``check``: what is wrong with meshes, and with a folder of them."""
+"""``check``: report faults of meshes, and of a folder of meshes."""
 
 import argparse
 import warnings
@@ -13,29 +13,29 @@ from skfmap.shapes import SkippedShape
 
 __all__ = ["DESCRIPTION", "HELP", "add_arguments", "run"]
 
-HELP = "say what is wrong with meshes, or with a folder to train on"
+HELP = "report faults of meshes, or of a folder to train on"
 DESCRIPTION = (
-    "Say what is wrong with meshes and what it means, and whether a folder can be trained on: "
-    "what was found beside its meshes, and which of them would be left out."
+    "Report the faults of meshes and what they mean. For a folder, also report whether it can be "
+    "trained on: which correspondences were found, and which meshes would be left out."
 )
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the options of the verb."""
     parser.add_argument("meshes", nargs="+", type=Path, help="meshes, or folders of meshes")
-    parser.add_argument("--pattern", default="*", help="which meshes of a folder, by name")
+    parser.add_argument("--pattern", default="*", help="pattern of names of meshes in a folder")
     add_by_number(parser)
     parser.add_argument(
         "--laplacian",
         choices=["cotangent", "robust"],
         default="cotangent",
-        help="for which Laplacian (default: cotangent)",
+        help="Laplacian that the meshes are to be used with (default: cotangent)",
     )
-    add_quiet(parser, "tell only what is wrong")
+    add_quiet(parser, "report faults only")
 
 
 def run(options: argparse.Namespace) -> int:
-    """Check, and return the exit status: 1 if something cannot be used."""
+    """Check the meshes; return the exit status, which is 1 if something cannot be used."""
     sound = True
     for given in options.meshes:
         for path in mesh_files([given]):
@@ -49,10 +49,10 @@ def run(options: argparse.Namespace) -> int:
 
 
 def _check_folder(folder: Path, options: argparse.Namespace) -> bool:
-    """Say what training would find in a folder; return whether it would leave nothing out."""
+    """Report what training would find in a folder; return whether it would use all meshes."""
     try:
         with warnings.catch_warnings():
-            for told in (RepairWarning, SkippedShapeWarning):  # here, in lines of its own
+            for told in (RepairWarning, SkippedShapeWarning):  # reported below
                 warnings.simplefilter("ignore", told)
             collection = load_collection(
                 folder, options.pattern, on_invalid="skip", by_number=options.by_number

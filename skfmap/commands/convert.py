@@ -1,4 +1,4 @@
-"""``convert``: a mesh, or landmarks, in another format."""
+"""``convert``: write a mesh, or landmarks, in another format."""
 
 import argparse
 from pathlib import Path
@@ -19,8 +19,8 @@ __all__ = ["DESCRIPTION", "HELP", "add_arguments", "run"]
 
 HELP = "write a mesh, or landmarks, in another format"
 DESCRIPTION = (
-    "Write a mesh, or a file of landmarks, in another format, which the ending of OUT chooses. "
-    "Vertices keep their order, but through STL, which numbers them anew. Meshes are read from "
+    "Convert a mesh, or a file of landmarks, to another format, which the suffix of OUT selects. "
+    "Vertices keep their order, except in STL files, which renumber them. Meshes are read from "
     f"{', '.join(READ_SUFFIXES)}, and written as {', '.join(WRITTEN_SUFFIXES)}; landmarks are read "
     f"from {', '.join(LANDMARK_SUFFIXES)}, and written as {', '.join(WRITTEN_LANDMARK_SUFFIXES)}."
 )
@@ -28,25 +28,23 @@ DESCRIPTION = (
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the options of the verb."""
-    parser.add_argument("source", type=Path, metavar="IN", help="what to read")
+    parser.add_argument("source", type=Path, metavar="IN", help="file to read")
     parser.add_argument("output", type=Path, metavar="OUT", help="file to write")
     parser.add_argument(
         "--system",
         choices=["LPS", "RAS"],
-        help="of coordinates, to which landmarks are turned; as they are written by default",
+        help="coordinate system to convert landmarks to (default: as stored)",
     )
-    parser.add_argument(
-        "--force", action="store_true", help="write over a file that is there already"
-    )
-    add_quiet(parser, "do not say what was written")
+    parser.add_argument("--force", action="store_true", help="overwrite an existing file")
+    add_quiet(parser, "do not report what was written")
 
 
 def run(options: argparse.Namespace) -> int:
-    """Convert, and return the exit status."""
+    """Convert the file; return the exit status."""
     check_free([options.output], force=options.force)
     if options.source.name.lower().endswith(LANDMARK_SUFFIXES):
         marks = read_landmarks(options.source, system=options.system)
-        write_landmarks(marks, options.output, overwrite=True)  # whether it may be was asked
+        write_landmarks(marks, options.output, overwrite=True)  # already checked
         _say(options, f"{len(marks.names)} landmarks: {options.output}")
         return 0
     if options.system is not None:

@@ -1,4 +1,4 @@
-"""The main job: learn on a collection, leave shapes out, and show what learning gains."""
+"""The demonstration: learn on a collection, leave shapes out, and show the gain from learning."""
 
 import argparse
 import shlex
@@ -36,8 +36,8 @@ from skfmap.plotting import Camera, plot_matches
 from skfmap.report import Evaluation, thin_out, write_report
 from skfmap.shapes import Correspondence, Match, Mesh, ProbedShape, SkippedShape
 
-# How points are matched: in all functions alike, in the p most stable, in all weighted by
-# stability, and refined from there.
+# Ways of matching points: in all functions alike, in the p most stable ones, in all weighted by
+# stability, and with refinement of the latter.
 _MATCHINGS: dict[str, dict[str, Any]] = {
     "full": {"matching": "cut", "n_stable": 1.0, "refine": None},
     "reduced": {"matching": "cut", "n_stable": "fitted", "refine": None},
@@ -46,7 +46,7 @@ _MATCHINGS: dict[str, dict[str, Any]] = {
 }
 
 
-# What the report and the pictures are of.
+# The weighting that the report and the pictures show.
 _SHOWN: WeightingWord = "function"
 
 _GO_ON = " (--on-invalid skip goes on without what cannot be used, but for the reference.)"
@@ -68,20 +68,21 @@ class _Result:
     matches: list[Match]
 
 
-HELP = "the main job, on made-up creatures or a folder: what learning gains (also without a verb)"
+HELP = "show the gain from learning on generated creatures or a folder (also without a verb)"
 DESCRIPTION = (
-    "Learn functional maps on a collection of meshes, match the shapes left out, and show what "
-    "learning gains: a table, a report, a picture of the matches, a model trained on all shapes."
+    "Learn functional maps on a collection of meshes, match shapes that were left out, and show "
+    "the gain from learning: a table, a report, a picture of the matches, and a model trained on "
+    "all shapes."
 )
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the options of the demonstration."""
     parser.add_argument(
-        "folder", nargs="?", help="meshes and correspondences; made-up creatures if left out"
+        "folder", nargs="?", help="meshes and correspondences (default: generated creatures)"
     )
     parser.add_argument(
-        "--pattern", default="*", help="which meshes of the folder, by name (default: all)"
+        "--pattern", default="*", help="pattern of names of meshes in the folder (default: all)"
     )
     parser.add_argument(
         "--reference", help="name of the reference (default: the first in natural order)"
@@ -91,20 +92,20 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--folds",
         type=int,
         default=3,
-        help="how many shapes to leave out, one at a time (default: 3)",
+        help="number of shapes to leave out, one at a time (default: 3)",
     )
     parser.add_argument(
-        "--functions", type=int, default=50, help="eigenfunctions that are matched (default: 50)"
+        "--functions", type=int, default=50, help="number of eigenfunctions to match (default: 50)"
     )
     parser.add_argument(
         "--families",
         choices=["default", "paper", "paper-310"],
         default="default",
-        help="probe functions: the paper's 50 or 310, or 50 and 55 that tell left from right "
-        "(default)",
+        help="probe functions: the paper's 50 or 310, or 50 and 55 that distinguish left from "
+        "right (default)",
     )
     parser.add_argument(
-        "--vertices", type=int, default=1500, help="vertices of a made-up creature (default: 1500)"
+        "--vertices", type=int, default=1500, help="vertices of a creature (default: 1500)"
     )
     parser.add_argument(
         "--up",
@@ -116,32 +117,35 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--output",
         type=Path,
         default=Path("skfmap-output"),
-        help="where report, picture and model go (default: skfmap-output)",
+        help="folder for the report, the picture and the model (default: skfmap-output)",
     )
     parser.add_argument(
         "--on-invalid",
         choices=["mend", "raise", "skip"],
         default="mend",
-        help="what to do with meshes that are broken: mend them, and stop where nothing helps "
-        "(default); stop; or mend them, and leave out where nothing helps",
+        help="what to do with broken meshes: mend them, and stop if one cannot be mended (mend, "
+        "the default); stop (raise); or mend them, and leave out the others (skip)",
     )
     parser.add_argument(
         "--max-vertices",
         type=int,
         default=SpectralBasis().max_vertices,
-        help="larger meshes are thinned to this many vertices to compute on; answers are on the "
-        "meshes as they came (default: %(default)s)",
+        help="thin larger meshes to this many vertices for the computation; results are on the "
+        "given meshes (default: %(default)s)",
     )
     parser.add_argument(
         "--cache", type=Path, help="folder that keeps bases and probes between runs"
     )
     parser.add_argument(
-        "--jobs", type=int, default=-1, help="shapes processed in parallel (default: one per core)"
+        "--jobs",
+        type=int,
+        default=-1,
+        help="number of shapes to process in parallel (default: one per core)",
     )
 
 
 def run(options: argparse.Namespace) -> int:
-    """Run the main job, and return the exit status."""
+    """Run the demonstration; return the exit status."""
     try:
         _run(options)
     except (MeshError, CorrespondenceError) as error:
@@ -227,7 +231,7 @@ def _probed(collection: Bunch, options: argparse.Namespace) -> list[ProbedShape]
 def _usable(
     collection: Bunch, shapes: Sequence[ProbedShape | SkippedShape]
 ) -> tuple[Bunch, list[ProbedShape]]:
-    """Return the shapes that can be learned from."""
+    """Return the collection and the shapes without skipped ones."""
     kept = {i: shape for i, shape in enumerate(shapes) if not isinstance(shape, SkippedShape)}
     if len(kept) < len(shapes):
         names = [name for i, name in enumerate(collection.names) if i not in kept]
@@ -241,7 +245,7 @@ def _usable(
 
 
 def _make_output(folder: Path) -> None:
-    """Make the folder for the results before anything is computed."""
+    """Create the folder for the results before anything is computed."""
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
@@ -249,7 +253,7 @@ def _make_output(folder: Path) -> None:
 
 
 def _measure(reference: ProbedShape, truth: Correspondence, options: argparse.Namespace) -> None:
-    """Compute the geodesic distances on the reference that all scores use."""
+    """Compute the geodesic distances on the reference that all scores need."""
     started, spectral = time.perf_counter(), reference.spectral
     both = [truth.pairs] if truth.symmetric_pairs is None else [truth.pairs, truth.symmetric_pairs]
     sources = np.unique(spectral.places_of(np.unique(np.concatenate(both)[:, 0]))[0])
@@ -278,7 +282,7 @@ def _transformers(options: argparse.Namespace) -> tuple[SpectralBasis, Descripto
 
 
 def _choose_folds(n_shapes: int, n_folds: int) -> list[int]:
-    """Return the shapes to leave out, spread over the collection; never the reference."""
+    """Return indices of shapes to leave out, spread over the collection, without the reference."""
     return [
         int(i) for i in np.unique(np.linspace(n_shapes - 1, 1, min(n_folds, n_shapes - 1)).round())
     ]
@@ -300,13 +304,13 @@ def _cross_validate(
         learner = WeightedFunctionalMapLearner(
             n_functions=options.functions,
             weighting=weighting,
-            confidence=None,  # scores need none
+            confidence=None,  # not needed for scores
             memory=memory,
             n_jobs=options.jobs,
         )
         with warnings.catch_warnings():
             for what in (CoverageWarning, DisagreementWarning, OrientationWarning):
-                warnings.simplefilter("ignore", what)  # told once, when all shapes are learned from
+                warnings.simplefilter("ignore", what)  # given once, by the fit on all shapes
             started = time.perf_counter()
             learner.fit(*training)
             result.seconds.append(time.perf_counter() - started)
@@ -325,7 +329,7 @@ def _cross_validate(
 
 
 def _table(results: dict[WeightingWord | None, _Result]) -> str:
-    """Return the table: weighting against error of full, reduced and soft maps."""
+    """Return a table of errors by weighting (rows) and way of matching (columns)."""
     symmetric = all(
         e.symmetric is not None for result in results.values() for e in result.errors["full"]
     )
@@ -351,7 +355,7 @@ def _table(results: dict[WeightingWord | None, _Result]) -> str:
 
 
 def _summary(results: dict[WeightingWord | None, _Result]) -> str:
-    """Return in one line what learning changed."""
+    """Return one line on the change of the errors by learning."""
     changes = []
     for name in _MATCHINGS:
         naive, learned = (

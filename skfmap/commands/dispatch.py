@@ -1,4 +1,4 @@
-"""Find the verb, run it, and say in one line what went wrong."""
+"""Select the verb, run it, and report errors in one line."""
 
 import argparse
 import difflib
@@ -30,12 +30,12 @@ __all__ = ["main", "parser_of", "split_verb"]
 
 
 _WIDTH = 79
-# Warnings call a shape by its index and its name; nobody on the command line knows the index.
+# Warnings name a shape by index and name; the index means nothing on the command line.
 _INDEX = re.compile(r"X\[\d+\] \(('[^']*')\)")
 
 
 class Verb(Protocol):
-    """A module of this package."""
+    """Interface of the modules of the verbs."""
 
     HELP: str
     DESCRIPTION: str
@@ -44,7 +44,7 @@ class Verb(Protocol):
         """Add the options of the verb."""
 
     def run(self, options: argparse.Namespace) -> int:
-        """Do it, and return the exit status."""
+        """Run the verb; return the exit status."""
 
 
 VERBS: dict[str, Verb] = {
@@ -61,18 +61,18 @@ VERBS: dict[str, Verb] = {
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run a verb of the command line, or the demonstration where none is named.
+    """Run a verb of the command line, or the demonstration if no verb is given.
 
     Parameters
     ----------
     arguments : sequence of str, optional
-        What stands behind ``python -m skfmap``; that of this process by default.
+        Arguments after ``python -m skfmap``; by default those of the current process.
 
     Returns
     -------
     int
-        The exit status: 0, 1 if a shape could not be used, 2 if nothing could be done, 130 if the
-        work was interrupted.
+        Exit status: 0 on success, 1 if a shape could not be used, 2 on an error, 130 if the work
+        was interrupted.
 
     Examples
     --------
@@ -87,10 +87,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
             return 2
         try:
             options = parser_of(verb).parse_args(rest)
-        except SystemExit as stopped:  # --help, --version, or a wrong option, told by argparse
+        except SystemExit as stopped:  # --help, --version, or an option that argparse rejects
             return int(stopped.code or 0)
         try:
-            # Cores work on different shapes: threads of one small product would be in their way.
+            # Cores work on different shapes; threads within small products would only compete.
             return single_threaded(VERBS[verb].run, options)
         except (ValueError, TypeError, OSError, ImportError) as error:
             print(f"skfmap: {' '.join(str(error).split())}", file=sys.stderr)
@@ -105,14 +105,14 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def split_verb(arguments: Sequence[str]) -> tuple[str, list[str]]:
-    """Return the verb, the demonstration where none is named, and the arguments behind it."""
+    """Return the verb and its arguments; without a verb it is the demonstration."""
     if arguments and arguments[0] in VERBS:
         return arguments[0], list(arguments[1:])
     return "demo", list(arguments)
 
 
 def parser_of(verb: str) -> argparse.ArgumentParser:
-    """Return what reads the arguments of a verb."""
+    """Return the argument parser of a verb."""
     program = "skfmap" if Path(sys.argv[0]).stem == "skfmap" else "python -m skfmap"
     chosen = VERBS[verb]
     parser = argparse.ArgumentParser(
@@ -128,7 +128,7 @@ def parser_of(verb: str) -> argparse.ArgumentParser:
 
 
 def _is_no_folder(word: str) -> bool:
-    """Tell whether a word is neither an option nor anything that lies on the disk."""
+    """Return whether a word is neither an option nor an existing file or folder."""
     return not word.startswith("-") and not Path(word).exists()
 
 
@@ -142,16 +142,16 @@ def _verbs(program: str) -> str:
     lines = [f"  {verb:<11}{module.HELP}" for verb, module in VERBS.items()]
     return "\n".join(
         [
-            "Verbs, each with a --help of its own; a folder of that name is written ./match:",
+            "Verbs, each with its own --help (write ./match for a folder with the name of a verb):",
             *lines,
-            f"For instance: {program} train FOLDER -o model.skops",
+            f"Example: {program} train FOLDER -o model.skops",
         ]
     )
 
 
 @contextmanager
 def _escaped_output() -> Iterator[None]:
-    """Escape what the encoding of the terminal lacks, as names in other scripts."""
+    """Escape characters that the encoding of the terminal lacks, such as names in other scripts."""
     streams = [one for one in (sys.stdout, sys.stderr) if isinstance(one, io.TextIOWrapper)]
     before = [one.errors for one in streams]
     for one in streams:
@@ -165,7 +165,7 @@ def _escaped_output() -> Iterator[None]:
 
 @contextmanager
 def _plain_warnings() -> Iterator[None]:
-    """Print what warnings say, without a line of code."""
+    """Print warnings without their line of code."""
     usual, warnings.formatwarning = warnings.formatwarning, _format_warning
     try:
         yield

@@ -1,4 +1,4 @@
-"""What the verbs read: models, and meshes by name or by folder."""
+"""Inputs of the verbs: models, and meshes given as files or folders."""
 
 import argparse
 import re
@@ -27,16 +27,16 @@ __all__ = [
 ]
 
 PICKLED = (".joblib", ".pkl", ".pickle")
-"""Suffixes of model files that joblib reads and writes; all others are those of skops."""
+"""Suffixes of model files in joblib's format; all others are in the format of skops."""
 
 
 def add_new_shapes(parser: argparse.ArgumentParser) -> None:
-    """Add a model and the meshes that it is asked about."""
+    """Add the arguments for a model and new meshes."""
     parser.add_argument(
         "model",
         type=Path,
-        help="what train wrote; a .joblib or .pkl file runs whatever code is in it, so open those "
-        "of people you trust only",
+        help="model written by train; a .joblib or .pkl file can run any code, so open only those "
+        "from people you trust",
     )
     parser.add_argument(
         "meshes", nargs="+", type=Path, metavar="NEW", help="meshes, or folders of meshes"
@@ -44,27 +44,29 @@ def add_new_shapes(parser: argparse.ArgumentParser) -> None:
 
 
 def add_by_number(parser: argparse.ArgumentParser) -> None:
-    """Add the option for meshes whose vertices correspond by their number."""
+    """Add the option for meshes whose vertices correspond by number."""
     parser.add_argument(
         "--by-number",
         action="store_true",
-        help="vertices correspond by their number, whatever lies beside the meshes",
+        help="vertices correspond by number; ignore all files beside the meshes",
     )
 
 
 def mesh_files(given: Sequence[Path]) -> list[Path]:
-    """Return the meshes that are named, and those in the folders that are named.
+    """Return the given mesh files, and the mesh files in the given folders.
 
     Raises
     ------
-    FileNotFoundError, ValueError
-        If there is no such file, a folder holds no mesh, or a file is of another format.
+    FileNotFoundError
+        If a file does not exist, or a folder contains no mesh.
+    ValueError
+        If a file is not in a supported format.
     """
     return [path for one in given for path in (_in_folder(one) if one.is_dir() else [_file(one)])]
 
 
 def read_model(path: Path) -> Any:
-    """Return the model that a file holds, which reads meshes itself."""
+    """Return the model in a file; it must contain the steps that read meshes."""
     if not path.is_file():
         raise FileNotFoundError(f"There is no model file {path}; train makes one.")
     if path.suffix.lower() in READ_SUFFIXES:
@@ -85,7 +87,7 @@ def read_model(path: Path) -> Any:
 
 
 def check_model_path(path: Path) -> None:
-    """Raise if a model could not be written there."""
+    """Raise an error if a model cannot be written to a path."""
     if path.suffix.lower() not in PICKLED:
         try:
             import skops.io  # noqa: F401, PLC0415
@@ -97,7 +99,7 @@ def check_model_path(path: Path) -> None:
 
 
 def check_two_usable(meshes: Sequence[Any]) -> None:
-    """Raise where all meshes of a folder but the reference are left out: nothing can be learned.
+    """Raise an error if only the reference can be used, so that nothing can be learned.
 
     Raises
     ------
@@ -113,7 +115,7 @@ def check_two_usable(meshes: Sequence[Any]) -> None:
 
 
 def write_model(model: Any, path: Path) -> None:
-    """Write a model in the format that the suffix chooses."""
+    """Write a model in the format of the suffix."""
     if path.suffix.lower() in PICKLED:
         joblib.dump(model, path)
     else:
@@ -146,7 +148,7 @@ def _file(path: Path) -> Path:
 
 
 def _in_folder(folder: Path) -> list[Path]:
-    """Return the meshes of a folder in natural order, without what systems leave beside them."""
+    """Return the meshes of a folder in natural order, without hidden files."""
     files = list(folder.iterdir())
     found = [path for path in files if path.suffix.lower() in READ_SUFFIXES and path.name[0] != "."]
     other = unread_formats(folder, files, found)

@@ -1,4 +1,4 @@
-"""``landmarks``: the named points of the training specimens on new specimens."""
+"""``landmarks``: predict the landmarks of the training specimens on new specimens."""
 
 import argparse
 from pathlib import Path
@@ -16,10 +16,10 @@ from skfmap.shapes import Landmarks
 
 __all__ = ["DESCRIPTION", "FORMATS", "HELP", "add_arguments", "run"]
 
-HELP = "place the training specimens' landmarks on new specimens"
+HELP = "predict landmarks on new specimens"
 DESCRIPTION = (
-    "Place landmarks on new specimens, with a model that was trained on landmarks. Of each "
-    "specimen NAME, the file NAME.fcsv (or another format) holds the points in the units and "
+    "Predict landmarks on new specimens, with a model that was trained on landmarks. For each "
+    "specimen NAME, the file NAME.fcsv (or another format) contains the points in the units and "
     "coordinates of its mesh."
 )
 _UNLIKE = (
@@ -36,25 +36,25 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--format",
         choices=FORMATS,
         default="fcsv",
-        help="of the files: 3D Slicer (fcsv, the default, and mrk.json), MeshLab (pp), tps, "
+        help="format of the files: 3D Slicer (fcsv, the default, and mrk.json), MeshLab (pp), tps, "
         "Landmark Editor (pts), or a table (csv)",
     )
     parser.add_argument(
         "--on-surface",
         action="store_true",
-        help="put points onto the surface, also where the observer places them off it",
+        help="project all points onto the surface, even those that observers place off it",
     )
     parser.add_argument(
         "--coverage",
         type=float,
         default=0.9,
-        help="share of an observer's points that radii are to hold (default: %(default)s; that "
-        "takes nine training specimens beside the reference)",
+        help="fraction of an observer's points that radii should contain (default: %(default)s, "
+        "which needs nine training specimens besides the reference)",
     )
 
 
 def run(options: argparse.Namespace) -> int:
-    """Place landmarks, and return the exit status."""
+    """Predict landmarks; return the exit status."""
     if check_number(options.coverage, "--coverage", low=0, strict=True) >= 1:
         raise ValueError(f"--coverage must be below 1, for instance 0.9; got {options.coverage}.")
     suffix = f".{options.format}"
@@ -63,7 +63,7 @@ def run(options: argparse.Namespace) -> int:
     def write(found: Landmarks, path: Path) -> Result:
         if not found.placed.any():
             raise ValueError("no landmark could be placed; look at the mesh, and match it.")
-        write_landmarks(found, path, overwrite=True)  # whether it may be was asked before
+        write_landmarks(found, path, overwrite=True)  # already checked
         placed.append(found)
         return _result(found)
 
@@ -102,7 +102,7 @@ def _result(found: Landmarks) -> Result:
 
 
 def _mean(values: FloatArray | None) -> float | None:
-    """Return the mean of what is known; None where nothing is."""
+    """Return the mean of the known values; None if there are none."""
     if values is None or np.isnan(values).all():
         return None
     return float(np.nanmean(values))

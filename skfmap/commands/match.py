@@ -1,4 +1,4 @@
-"""``match``: where each vertex of a new shape lies on the reference."""
+"""``match``: match the vertices of new shapes to the reference."""
 
 import argparse
 from pathlib import Path
@@ -12,13 +12,13 @@ from skfmap.shapes import Match
 
 __all__ = ["DESCRIPTION", "HELP", "add_arguments", "doubt_of", "mean_error", "run"]
 
-HELP = "find where each vertex of new shapes lies on the reference"
+HELP = "match the vertices of new shapes to the reference"
 DESCRIPTION = (
-    "Match new shapes to the reference of a model. Of each shape NAME, the file NAME.csv has a "
-    "line for each vertex: the vertex of the reference that it lies on (counted from 0, -1 for "
-    "none), the error to expect there in units of the square root of the reference's area, and "
-    "the confidence between 0 and 1. Other formats hold the same for other programs: npz (numpy), "
-    "ply (MeshLab, CloudCompare), glb (Blender), vtp and vtk (ParaView)."
+    "Match new shapes to the reference of a model. For each shape NAME, the file NAME.csv has one "
+    "line per vertex: the matched vertex of the reference (counted from 0, -1 for none), the "
+    "expected error in units of the square root of the reference's area, and the confidence, "
+    "between 0 and 1. Other formats hold the match for other programs: npz (numpy), ply (MeshLab, "
+    "CloudCompare), glb (Blender), vtp and vtk (ParaView)."
 )
 _FORMATS = ("csv", "npz", "ply", "glb", "vtp", "vtk")
 
@@ -27,20 +27,20 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the options of the verb."""
     add_common(parser, "matches", "folder for the results")
     parser.add_argument(
-        "--format", choices=_FORMATS, default="csv", help="of the results (default: csv)"
+        "--format", choices=_FORMATS, default="csv", help="format of the results (default: csv)"
     )
     parser.add_argument(
-        "--texture", type=Path, help="an image that glb files get instead of colours, with --uv"
+        "--texture", type=Path, help="image for glb files instead of colours; requires --uv"
     )
     parser.add_argument(
         "--uv",
         type=Path,
-        help="the reference as an OBJ file with texture coordinates, of the same vertices",
+        help="OBJ file of the reference with texture coordinates and the same vertices",
     )
 
 
 def run(options: argparse.Namespace) -> int:
-    """Match, and return the exit status."""
+    """Match new shapes; return the exit status."""
     if (options.uv is None) != (options.texture is None):
         raise ValueError("--texture and --uv belong together: an image, and where it lies.")
     if options.uv is not None and options.format != "glb":
@@ -48,7 +48,7 @@ def run(options: argparse.Namespace) -> int:
     uv, suffix = None if options.uv is None else read_uv(options.uv), f".{options.format}"
 
     def write(match: Match, path: Path) -> Result:
-        # Whether it may be written over was asked before.
+        # Whether the file may be overwritten was already checked.
         match.save(path, uv=uv, texture=options.texture, overwrite=True)
         n_unmatched = int((match.p2p < 0).sum())
         cells = (mean_error(match), match.misfit, match.familiar, n_unmatched)
@@ -71,13 +71,13 @@ def run(options: argparse.Namespace) -> int:
 
 
 def doubt_of(match: Match) -> tuple[float, float, float]:
-    """Return what doubtful matches are sorted by: larger is worse, and the first counts most."""
+    """Return the key that sorts matches by doubt; larger is worse, the first entry counts most."""
     strange = float(match.familiar is False)
     return strange, mean_error(match) or 0.0, float(np.nan_to_num(match.misfit))
 
 
 def mean_error(match: Match) -> float | None:
-    """Return the mean error to expect; None where it is unknown."""
+    """Return the mean expected error; None if it is unknown."""
     if match.expected_error is None or np.isnan(match.expected_error).all():
         return None
     return float(np.nanmean(match.expected_error))

@@ -1,4 +1,4 @@
-"""What match, landmarks, register and transfer share: new shapes, one after the other."""
+"""Processing of new shapes, shared by match, landmarks, register and transfer."""
 
 import argparse
 import warnings
@@ -30,9 +30,9 @@ _SUMMARY = "summary.csv"
 
 
 class Result(NamedTuple):
-    """What the summary says of a shape: its cells, and the doubt by which it is sorted.
+    """Row of a shape in the summary: its cells, and the doubt by which rows are sorted.
 
-    ``told`` is what is to be said of it below the table.
+    ``told`` is a message printed below the table.
     """
 
     cells: tuple[object, ...]
@@ -41,12 +41,12 @@ class Result(NamedTuple):
 
 
 class Work(NamedTuple):
-    """What a verb does.
+    """The work of a verb.
 
-    ``suffix`` is that of the files, ``columns`` are those of the summary between name and note,
-    ``answer(learner, shapes)`` asks the model, ``write(answer, path)`` writes the file of one
-    shape, and ``units`` says in a sentence what the summary's numbers are. ``finish()`` writes what
-    is about all of them.
+    ``suffix`` is the suffix of the files; ``columns`` are the columns of the summary between name
+    and note; ``answer(learner, shapes)`` applies the model; ``write(answer, path)`` writes the file
+    of one shape; ``units`` is a sentence that explains the numbers in the summary; ``finish()``
+    writes files about all shapes.
     """
 
     suffix: str
@@ -62,15 +62,18 @@ class _Row(NamedTuple):
     cells: tuple[object, ...]
     doubt: tuple[float, ...]
     told: str = ""
-    note: str = ""  # why there is no answer
+    note: str = ""  # reason if there is no answer
 
 
 def add_common(parser: argparse.ArgumentParser, default: str, what: str) -> None:
-    """Add a model, meshes, and where results go."""
+    """Add the arguments for a model, new meshes, and results."""
     add_new_shapes(parser)
     add_output(parser, default, what)
     parser.add_argument(
-        "--jobs", type=int, default=-1, help="shapes processed in parallel (default: one per core)"
+        "--jobs",
+        type=int,
+        default=-1,
+        help="number of shapes to process in parallel (default: one per core)",
     )
     add_quiet(parser)
 
@@ -83,13 +86,13 @@ def run_on_new_shapes(
 ) -> int:
     """Do the work on each shape, print the summary, and return the exit status.
 
-    ``work(learner)`` checks the rest of the options with the model at hand; ``also`` are files that
-    are written beside those of the shapes.
+    ``work(learner)`` checks the remaining options against the model; ``also`` are additional files
+    that will be written.
     """
     paths = mesh_files(options.meshes)
     targets = targets_of(paths, options.output, suffix)
     summary = options.output / _SUMMARY
-    # The summary of an earlier run, as one into another format, is about that run alone.
+    # The summary of an earlier run, for instance in another format, may be replaced.
     kept = [] if is_summary(summary) else [summary]
     check_free([*targets.values(), *also, *kept], force=options.force)
     model = read_model(options.model)
@@ -122,14 +125,14 @@ def run_on_new_shapes(
 def _answers(
     model: Any, paths: Sequence[Path], work: Work, options: argparse.Namespace
 ) -> Iterator[tuple[Path, Any]]:
-    """Yield each file with what the model says of it, or with a skipped shape."""
+    """Yield each file with the answer of the model, or with a skipped shape."""
     _set(model, "n_jobs", options.jobs)
     _set(model, "on_invalid", "skip")
     n_paths, n_jobs = len(paths), effective_n_jobs(options.jobs)
     for first in range(0, n_paths, n_jobs):
         batch = paths[first : first + n_jobs]
         with warnings.catch_warnings():
-            for told in (SkippedShapeWarning, UnfamiliarShapeWarning):  # by the summary
+            for told in (SkippedShapeWarning, UnfamiliarShapeWarning):  # reported by the summary
                 warnings.simplefilter("ignore", told)
             learner, shapes = learner_and_shapes(model, [str(path) for path in batch])
             usable = [shape for shape in shapes if not isinstance(shape, SkippedShape)]
@@ -141,7 +144,7 @@ def _answers(
 
 
 def _asked(work: Work, learner: Any, shapes: Sequence[Any]) -> list[Any]:
-    """Return the answers, with a skipped shape where there is none."""
+    """Return the answers, with a skipped shape for each shape without one."""
     try:
         return list(work.answer(learner, shapes))
     except (ValueError, RuntimeError) as error:
@@ -151,7 +154,7 @@ def _asked(work: Work, learner: Any, shapes: Sequence[Any]) -> list[Any]:
 
 
 def _written(answer: Any, path: Path, target: Path, work: Work) -> _Row:
-    """Write what the model says of a shape, and return its row of the summary."""
+    """Write the answer for a shape, and return its row of the summary."""
     note = answer.reason if isinstance(answer, SkippedShape) else ""
     if not note:
         try:

@@ -1,4 +1,4 @@
-"""What the verbs write: files that are named after the input, and tables."""
+"""Outputs of the verbs: files named after the input, and tables."""
 
 import argparse
 import csv
@@ -22,11 +22,11 @@ __all__ = [
 
 
 SUMMARY_ENDS = ("shape", "note")
-"""First and last column of the summary that the verbs write about new shapes."""
+"""First and last columns of the summary that the verbs write for new shapes."""
 
 
 def add_output(parser: argparse.ArgumentParser, default: str, what: str) -> None:
-    """Add where results go, and what may be written over."""
+    """Add the options for the path of the results and for overwriting."""
     parser.add_argument(
         "-o",
         "--output",
@@ -37,25 +37,25 @@ def add_output(parser: argparse.ArgumentParser, default: str, what: str) -> None
     parser.add_argument("--force", action="store_true", help="overwrite existing files")
 
 
-def add_quiet(parser: argparse.ArgumentParser, what: str = "tell no progress") -> None:
-    """Add the option to say less."""
+def add_quiet(parser: argparse.ArgumentParser, what: str = "do not report progress") -> None:
+    """Add the option to print less."""
     parser.add_argument("-q", "--quiet", action="store_true", help=what)
 
 
 def targets_of(paths: Sequence[Path], folder: Path, suffix: str) -> dict[Path, Path]:
-    """Return the file in ``folder`` for each input, named after it.
+    """Return the output file in ``folder`` for each input, named after it.
 
     Raises
     ------
     ValueError
-        If two inputs would be written to one file, or one to itself.
+        If two inputs have the same output file, or one would be overwritten by its result.
     """
     targets = {path: folder / f"{path.stem}{suffix}" for path in paths}
     sources: dict[str, Path] = {}
     for path in paths:
         if targets[path].exists() and targets[path].samefile(path):
             raise ValueError(f"{path} would be overwritten by its result; give another -o.")
-        other = sources.setdefault(str(targets[path]).casefold(), path)  # as some systems compare
+        other = sources.setdefault(str(targets[path]).casefold(), path)  # some systems ignore case
         if other is not path:
             raise ValueError(
                 f"{other} and {path} would both be written to {targets[path]}; give them one after "
@@ -65,14 +65,14 @@ def targets_of(paths: Sequence[Path], folder: Path, suffix: str) -> dict[Path, P
 
 
 def check_free(paths: Iterable[Path], *, force: bool) -> None:
-    """Make the folders of results; raise where a result would replace a file, before any work.
+    """Create the folders of the results, and check that no file would be overwritten.
 
     Raises
     ------
     FileExistsError
-        If a file is there and ``force`` is not set.
+        If a file exists and ``force`` is False.
     ValueError
-        If a folder cannot be made, or a result stands twice.
+        If a folder cannot be created, or two results have the same path.
     """
     paths = list(paths)
     for path in paths:
@@ -95,7 +95,7 @@ def check_free(paths: Iterable[Path], *, force: bool) -> None:
 
 
 def write_table(path: Path, header: Sequence[str], rows: Iterable[Sequence[object]]) -> None:
-    """Write a table as CSV in UTF-8; what is unknown (None, NaN) stays blank."""
+    """Write a table as CSV in UTF-8; unknown values (None, NaN) are blank."""
     with path.open("w", encoding="utf-8", newline="") as file:
         writer = csv.writer(file, lineterminator="\n")
         writer.writerow(header)
@@ -103,7 +103,7 @@ def write_table(path: Path, header: Sequence[str], rows: Iterable[Sequence[objec
 
 
 def is_summary(path: Path) -> bool:
-    """Tell whether a file is the summary of an earlier run, of whatever verb."""
+    """Return whether a file is the summary of an earlier run of any verb."""
     try:
         with path.open(encoding="utf-8", newline="") as file:
             head = next(csv.reader(file), [])
@@ -113,7 +113,7 @@ def is_summary(path: Path) -> bool:
 
 
 def show_table(header: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
-    """Return a table to print, its first column flush left and the others flush right."""
+    """Return a table as text, with its first column flush left and the others flush right."""
     cells = [[str(name) for name in header], *([_cell(value, 3) for value in row] for row in rows)]
     widths = [max(len(row[j]) for row in cells) for j in range(len(header))]
     return "\n".join(

@@ -1,4 +1,4 @@
-"""``register``: the reference's own mesh in the form of each new shape."""
+"""``register``: lay the mesh of the reference onto new shapes."""
 
 import argparse
 from pathlib import Path
@@ -13,11 +13,11 @@ from skfmap.shapes import Registered
 
 __all__ = ["DESCRIPTION", "HELP", "add_arguments", "run"]
 
-HELP = "lay the reference's mesh onto new shapes"
+HELP = "lay the mesh of the reference onto new shapes"
 DESCRIPTION = (
-    "Lay the reference's mesh onto new shapes: of each shape NAME, the file NAME.ply holds the "
-    "vertices and faces of the reference, moved onto the shape, in its units and its place. The "
-    "model must have been trained with --refine register."
+    "Lay the mesh of the reference onto new shapes. For each shape NAME, the file NAME.ply "
+    "contains the faces of the reference with its vertices moved onto the shape, in the units and "
+    "coordinates of the shape. The model must have been trained with --refine register."
 )
 
 
@@ -28,12 +28,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--format",
         choices=[suffix.removeprefix(".") for suffix in WRITTEN_SUFFIXES if suffix != ".stl"],
         default="ply",
-        help="of the meshes (default: ply; off, obj, vtk and vtp keep all digits)",
+        help="format of the meshes (default: ply; off, obj, vtk and vtp keep all digits)",
     )
 
 
 def run(options: argparse.Namespace) -> int:
-    """Register, and return the exit status."""
+    """Register new shapes; return the exit status."""
     suffix = f".{options.format}"
 
     def work(learner: Any) -> Work:

@@ -1,4 +1,4 @@
-"""``report``: a page that says whether a model can be trusted."""
+"""``report``: write a page on whether a model can be trusted."""
 
 import argparse
 from pathlib import Path
@@ -9,29 +9,29 @@ from skfmap.datasets import load_collection
 
 __all__ = ["DESCRIPTION", "HELP", "add_arguments", "run"]
 
-HELP = "write a page that says whether a model can be trusted"
+HELP = "write a page on whether a model can be trusted"
 DESCRIPTION = (
-    "Leave the shapes of the folder that a model was trained on out in turn, and write a page that "
-    "says how far matches are off, whether that was expected, and which are the worst."
+    "Cross-validate a model on the folder that it was trained on, and write a page with the errors "
+    "of matches, how well they were expected, and the worst matches."
 )
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the options of the verb."""
-    parser.add_argument("model", type=Path, help="what train wrote")
-    parser.add_argument("folder", type=Path, help="what it was trained on")
+    parser.add_argument("model", type=Path, help="model written by train")
+    parser.add_argument("folder", type=Path, help="folder that it was trained on")
     add_output(parser, "report.html", "the page")
-    parser.add_argument("--pattern", default="*", help="as it was for train")
-    parser.add_argument("--reference", help="as it was for train")
+    parser.add_argument("--pattern", default="*", help="the same as for train")
+    parser.add_argument("--reference", help="the same as for train")
     add_by_number(parser)
     parser.add_argument(
-        "--folds", type=int, default=5, help="in how many groups shapes are left out (default: 5)"
+        "--folds", type=int, default=5, help="number of folds of the cross-validation (default: 5)"
     )
     add_quiet(parser)
 
 
 def run(options: argparse.Namespace) -> int:
-    """Write the page, and return the exit status."""
+    """Write the page; return the exit status."""
     from skfmap.report import write_report  # noqa: PLC0415
 
     check_free([options.output], force=options.force)

@@ -1,4 +1,4 @@
-"""``train``: a model from a folder of meshes, and how far it is off on shapes left out."""
+"""``train``: train a model on a folder of meshes, and measure its errors on shapes left out."""
 
 import argparse
 import copy
@@ -38,13 +38,13 @@ from skfmap.shapes import Mesh, SkippedShape
 
 __all__ = ["DESCRIPTION", "HELP", "add_arguments", "run"]
 
-HELP = "learn from a folder of meshes, and write a model"
+HELP = "train a model on a folder of meshes"
 DESCRIPTION = (
-    "Learn from a folder of meshes with landmarks or other correspondences beside them, write a "
-    "model, and say how far it is off on shapes left out: landmarks in the units of the meshes, "
-    "other matches in percent. A page beside the model shows the worst."
+    "Train a model on a folder of meshes with landmarks or other correspondences beside them, "
+    "write it, and report its errors on shapes left out: of landmarks in the units of the meshes, "
+    "of other matches in percent. A page beside the model shows the worst shapes."
 )
-# In how many groups shapes without landmarks are left out.
+# Number of folds for shapes without landmarks.
 _FOLDS = 10
 _REFINEMENTS = ("auto", "register", "bijective-zoomout", "zoomout", "icp", "none")
 
@@ -52,10 +52,10 @@ _REFINEMENTS = ("auto", "register", "bijective-zoomout", "zoomout", "icp", "none
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the options of the verb."""
     learner = WeightedFunctionalMapLearner()
-    parser.add_argument("folder", type=Path, help="meshes, and the files that belong to them")
+    parser.add_argument("folder", type=Path, help="meshes and the files that belong to them")
     add_output(parser, "model.skops", "the model; .joblib for joblib's format")
     parser.add_argument(
-        "--pattern", default="*", help="which meshes of the folder, by name (default: all)"
+        "--pattern", default="*", help="pattern of names of meshes in the folder (default: all)"
     )
     parser.add_argument(
         "--reference", help="name of the reference (default: the first in natural order)"
@@ -64,60 +64,64 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--functions",
         type=int,
-        help=f"eigenfunctions that are matched (default: {learner.n_functions}, fewer for small "
+        help=f"number of eigenfunctions to match (default: {learner.n_functions}, fewer for small "
         "meshes)",
     )
     parser.add_argument(
         "--refine",
         choices=_REFINEMENTS,
         default="auto",
-        help="how matches are refined; auto is register where there are landmarks, else "
+        help="refinement of matches; auto is register if there are landmarks, otherwise "
         "bijective-zoomout (default: auto)",
     )
     parser.add_argument(
         "--laplacian",
         choices=["cotangent", "robust"],
         default="cotangent",
-        help="robust is for meshes of bad triangles (default: cotangent)",
+        help="use robust for meshes with bad triangles (default: cotangent)",
     )
     parser.add_argument(
         "--mirrored",
         choices=["warn", "reflect"],
         default="warn",
-        help="what to do with mirrored specimens, as right bones among left ones: warn (default), "
-        "or reflect them",
+        help="what to do with mirrored specimens, such as right bones among left ones: warn "
+        "(default), or reflect them",
     )
     parser.add_argument(
         "--on-invalid",
         choices=ON_INVALID,
         default="skip",
-        help="what to do with broken meshes: mend them and leave out where nothing helps "
-        "(skip, the default), mend them and stop where nothing helps, or stop (raise)",
+        help="what to do with broken meshes: mend them, and leave out those that cannot be mended "
+        "(skip, the default); mend them, and stop if one cannot be mended (mend); or stop (raise)",
     )
     parser.add_argument(
         "--max-vertices",
         type=int,
         default=SpectralBasis().max_vertices,
-        help="larger meshes are thinned to this many vertices to compute on (default: %(default)s)",
+        help="thin larger meshes to this many vertices for the computation (default: %(default)s)",
     )
     parser.add_argument(
         "--folds",
         type=int,
-        help="leave shapes out in this many groups, and train again for each (default: landmarks "
-        "come from what training itself left out; else 10 groups, fewer shapes one at a time)",
+        help="number of folds of the evaluation, each of which is trained again (default: for "
+        "landmarks, reuse predictions made in training; otherwise 10, or one per shape if there "
+        "are fewer)",
     )
     parser.add_argument(
-        "--no-evaluation", action="store_true", help="do not leave shapes out: only train"
+        "--no-evaluation", action="store_true", help="train only, without an evaluation"
     )
     parser.add_argument("--memory", type=Path, help="folder that keeps results between runs")
     parser.add_argument(
-        "--jobs", type=int, default=-1, help="shapes processed in parallel (default: one per core)"
+        "--jobs",
+        type=int,
+        default=-1,
+        help="number of shapes to process in parallel (default: one per core)",
     )
     add_quiet(parser)
 
 
 def run(options: argparse.Namespace) -> int:
-    """Train, evaluate, and return the exit status."""
+    """Train and evaluate a model; return the exit status."""
     if options.folds is not None:
         check_number(options.folds, "--folds", low=2, integer=True)
     page, errors = options.output.with_suffix(".html"), _errors_path(options.output)
@@ -147,7 +151,7 @@ def run(options: argparse.Namespace) -> int:
 
 
 def _collection(options: argparse.Namespace) -> Collection:
-    """Read the folder; raise, in one line, where there is nothing in it to learn from."""
+    """Read the folder; raise a one-line error if there is nothing to learn from."""
     with warnings.catch_warnings(record=True) as told:
         collection = load_collection(
             options.folder,
@@ -166,7 +170,7 @@ def _collection(options: argparse.Namespace) -> Collection:
 
 
 def _next_verbs(collection: Bunch, options: argparse.Namespace) -> list[str]:
-    """Return what the model is for: what was asked for, and matching otherwise."""
+    """Return the verbs to suggest for the model: what it was trained for, or matching."""
     for_landmarks = ["landmarks"] if _has_landmarks(collection) else []
     to_register = ["register"] if options.refine == "register" else []
     return [*for_landmarks, *to_register] or ["match"]
@@ -177,7 +181,7 @@ def _has_landmarks(collection: Bunch) -> bool:
 
 
 def _steps(collection: Bunch, options: argparse.Namespace) -> tuple[Any, Any, Any]:
-    """Return basis, probes and learner, unfitted."""
+    """Return the unfitted basis, probes and learner."""
     n_functions, n_components = _sizes(collection, options)
     shared = {"memory": options.memory, "n_jobs": options.jobs}
     skips: RaiseOrSkip = "skip" if options.on_invalid == "skip" else "raise"
@@ -200,7 +204,7 @@ def _steps(collection: Bunch, options: argparse.Namespace) -> tuple[Any, Any, An
 
 
 def _sizes(collection: Bunch, options: argparse.Namespace) -> tuple[int, int]:
-    """Return how many functions are matched and how many are computed: less for small meshes."""
+    """Return the numbers of functions to match and to compute; fewer for small meshes."""
     sizes = [mesh.n_vertices for mesh in collection.meshes if isinstance(mesh, Mesh)]
     most = min(sizes[0], options.max_vertices) - 1
     if options.functions is not None:
@@ -208,7 +212,7 @@ def _sizes(collection: Bunch, options: argparse.Namespace) -> tuple[int, int]:
     wanted = options.functions or WeightedFunctionalMapLearner().n_functions
     n_functions = min(wanted, most)
     usual = max(SpectralBasis().n_components, n_functions)
-    # A mesh that is too small for what is matched is left out; it must not set the size of all.
+    # A mesh that is too small for n_functions is left out, and must not limit the others.
     return n_functions, max(n_functions, min(usual, min(sizes) - 1, most))
 
 
@@ -219,7 +223,7 @@ def _refinement(collection: Bunch, options: argparse.Namespace) -> dict[str, str
 
 
 def _probed(steps: tuple[Any, Any, Any], collection: Bunch) -> list[Any]:
-    """Return the shapes as the learner takes them."""
+    """Return the probed shapes."""
     basis, probes, _ = steps
     shapes = list(probes.transform(basis.transform(collection.meshes)))
     if isinstance(shapes[0], SkippedShape):
@@ -231,7 +235,7 @@ def _probed(steps: tuple[Any, Any, Any], collection: Bunch) -> list[Any]:
 
 
 def _to_save(steps: tuple[Any, Any, Any]) -> Pipeline:
-    """Return the fitted model without what belongs to this machine."""
+    """Return the fitted model without settings of this machine."""
     learner = copy.copy(steps[-1])
     return make_pipeline(
         *(
@@ -244,13 +248,13 @@ def _to_save(steps: tuple[Any, Any, Any]) -> Pipeline:
 def _evaluated(
     learner: Any, shapes: list[Any], collection: Bunch, options: argparse.Namespace
 ) -> list[str]:
-    """Leave shapes out, write page and table beside the model, and return what to print."""
+    """Evaluate the model, write a page and a table beside it, and return lines to print."""
     n_used = sum(not isinstance(shape, SkippedShape) for shape in shapes)
     if n_used < 3:
         return [f"Nothing was left out: that takes three shapes, and {n_used} can be used."]
     with warnings.catch_warnings():
         for told in (CoverageWarning, DisagreementWarning, OrientationWarning, SkippedShapeWarning):
-            warnings.simplefilter("ignore", told)  # once, when all shapes were learned from
+            warnings.simplefilter("ignore", told)  # given once, by the fit on all shapes
         of = _landmarks if _has_landmarks(collection) else _matches
         return of(learner, shapes, collection, options)
 
@@ -316,7 +320,7 @@ def _landmarks(
 
 
 def _errors_path(model: Path) -> Path:
-    """Return where the errors of shapes left out go, beside the model."""
+    """Return the path of the table of errors, beside the model."""
     return model.with_name(f"{model.stem}-errors.csv")
 
 

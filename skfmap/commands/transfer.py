@@ -1,7 +1,7 @@
-"""``transfer``: values of the reference's vertices carried over to new shapes."""
+"""``transfer``: carry values at the vertices of the reference over to new shapes."""
 
 import argparse
-import csv
+import re
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -11,21 +11,27 @@ from skfmap._tools.types import Array
 from skfmap.commands.match import doubt_of, mean_error
 from skfmap.commands.new_shapes import Result, Work, add_common, run_on_new_shapes
 from skfmap.commands.outputs import write_table
+from skfmap.io.texts import cells_of, read_text
 from skfmap.shapes import Match
 
 __all__ = ["DESCRIPTION", "HELP", "add_arguments", "run"]
 
-HELP = "carry values of the reference's vertices over to new shapes"
+HELP = "carry values at the vertices of the reference over to new shapes"
 DESCRIPTION = (
-    "Carry what the vertices of the reference hold over to new shapes: numbers with decimals are "
-    "interpolated, whole numbers and words are labels and are voted on. Of each shape NAME, the "
-    "file NAME.csv (or .npy) has a line for each vertex; blank, or NaN, where the match is not "
-    "trusted."
+    "Carry values at the vertices of the reference over to new shapes. Numbers with decimals are "
+    "interpolated; whole numbers and words are labels, which are decided by a vote. For each shape "
+    "NAME, the file NAME.csv (or .npy) has one line per vertex, which is blank or NaN if the match "
+    "is not trusted there."
 )
 
 
+# A decimal comma, and what stands behind one.
+_COMMA = re.compile(r"^\s*([+-]?\d*),(\d+(?:[eE][+-]?\d+)?)\s*$")
+_FRACTION = re.compile(r"0\d+")
+
+
 class _Column(NamedTuple):
-    """What the vertices of the reference hold, and what it is called."""
+    """A column of values at the vertices of the reference, with its name."""
 
     name: str
     values: Any
@@ -38,22 +44,25 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--values",
         type=Path,
         required=True,
-        help="a line for each vertex of the reference: .npy, .csv (with a head line or without, "
-        "blank where unknown), or .txt with columns between blanks",
+        help="file with one line per vertex of the reference: .npy, .csv (with or without a "
+        "header, unknown values blank), or .txt with columns separated by blanks",
     )
     parser.add_argument(
         "--max-error",
         type=float,
         help="leave out vertices with a larger expected error, in units of sqrt(area) of the "
-        "reference (0.05, for instance)",
+        "reference, for instance 0.05",
     )
     parser.add_argument(
-        "--format", choices=["csv", "npy"], default="csv", help="of the results (default: csv)"
+        "--format",
+        choices=["csv", "npy"],
+        default="csv",
+        help="format of the results (default: csv)",
     )
 
 
 def run(options: argparse.Namespace) -> int:
-    """Transfer, and return the exit status."""
+    """Transfer values to new shapes; return the exit status."""
     if not options.values.is_file():
         raise FileNotFoundError(f"There is no file of values {options.values}.")
     suffix = f".{options.format}"
@@ -108,10 +117,9 @@ def _of_array(path: Path) -> tuple[list[str], list[Any]]:
 
 
 def _of_text(path: Path, n_vertices: int) -> tuple[list[str], list[Any]]:
-    """Return names and columns of a table; a line more than there are vertices is its head."""
-    with path.open(encoding="utf-8-sig", newline="") as file:
-        between_blanks = path.suffix.lower() != ".csv"
-        rows = [line.split() for line in file] if between_blanks else list(csv.reader(file))
+    """Return the names and columns of a table; an extra line is taken to be its header."""
+    lines = read_text(path)
+    rows = _rows_of_csv(lines) if path.suffix.lower() == ".csv" else [one.split() for one in lines]
     while rows and not rows[-1]:
         rows.pop()
     widths = {len(row) for row in rows}
@@ -121,7 +129,32 @@ def _of_text(path: Path, n_vertices: int) -> tuple[list[str], list[Any]]:
             "with as many columns."
         )
     head = rows.pop(0) if len(rows) == n_vertices + 1 else _usual_names(widths.pop())
-    return head, [_typed(np.array(column, dtype=str)) for column in zip(*rows, strict=True)]
+    columns = list(zip(*rows, strict=True))
+    if len(columns) > 1 and any(_FRACTION.fullmatch(cell) for cell in columns[1]):
+        raise ValueError(
+            f"{path} has numbers that begin with 0 in its second column, as where a decimal comma "
+            "parts them. Write decimal points, or semicolons between columns."
+        )
+    return head, [_typed(np.array(column, dtype=str)) for column in columns]
+
+
+def _rows_of_csv(lines: list[str]) -> list[list[str]]:
+    """Return the cells of a table; commas of numbers are made points where they part no cells.
+
+    Spreadsheets write such tables in countries where commas stand before decimals.
+    """
+    full = [line for line in lines if line.strip()]
+    between = next((one for one in ";\t" if all(one in line for line in full)), ",")
+    if between == "," and "," not in full[0] and all(_is_one_cell(line) for line in full[1:]):
+        between = ";"  # a single column under its head
+    rows = [cells_of(line, between) for line in lines]
+    if between == ",":
+        return rows
+    return [[_COMMA.sub(r"\1.\2", cell) for cell in row] for row in rows]
+
+
+def _is_one_cell(line: str) -> bool:
+    return "," not in line or _COMMA.fullmatch(line) is not None
 
 
 def _usual_names(n_columns: int) -> list[str]:
@@ -129,7 +162,7 @@ def _usual_names(n_columns: int) -> list[str]:
 
 
 def _typed(text: Array) -> Any:
-    """Return whole numbers, numbers or words, whatever all known entries are; others masked."""
+    """Return a column as integers, floats or strings, with unknown entries masked."""
     unknown = np.char.strip(text) == ""
     for kind in (np.int64, np.float64):
         try:
@@ -151,7 +184,7 @@ def _write_columns(columns: list[_Column], path: Path) -> None:
 
 
 def _filled(values: Any) -> Any:
-    """Return numbers with NaN, or words with blanks, where they are masked."""
+    """Return masked numbers as NaN, or masked strings as empty ones."""
     if values.dtype.kind in "biuf":
         return values.astype(np.float64).filled(np.nan)
     return values.filled("")

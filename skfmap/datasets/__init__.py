@@ -1,4 +1,4 @@
-"""Collections of shapes."""
+"""Collections of shapes, generated or loaded from a folder."""
 
 from skfmap.datasets._collection import Collection
 from skfmap.datasets._creatures import make_creatures

@@ -1,4 +1,4 @@
-"""What a collection of shapes holds."""
+"""The type of a collection of shapes."""
 
 from typing import Any
 
@@ -11,29 +11,30 @@ __all__ = ["Collection"]
 
 
 class Collection(Bunch):
-    """Meshes with their correspondences, the reference first: a ``Bunch`` whose parts have types.
+    """Meshes with their correspondences, the reference first.
 
-    Each is an attribute and a key.
+    A collection is a ``Bunch`` with typed fields: each field is an attribute and a key.
 
     Attributes
     ----------
     meshes : list of Mesh
-        The shapes. With ``load_collection(on_invalid="skip")`` a `skfmap.shapes.SkippedShape`
-        stands for each that was left out.
+        The shapes. With ``load_collection(on_invalid="skip")``, each skipped shape is a
+        `skfmap.shapes.SkippedShape`.
     correspondences : list of Correspondence
-        Where each lies on the template.
+        Where each shape lies on the template.
     names : list of str
-        Of the shapes.
+        Names of the shapes.
     paths : list of str
-        The files of the meshes; of `load_collection`.
+        Files of the meshes; only from `load_collection`.
     landmarks : list of (Landmarks or None)
-        Of each mesh, None where it has no file of them; of `load_collection`.
+        Landmarks of each mesh, None for a mesh without a landmark file; only from
+        `load_collection`.
     template_points : ndarray of shape (n_points, 3)
-        Of the template; of `make_creatures`.
+        Points of the template; only from `make_creatures`.
     up : str
-        Which axis points up; of `make_creatures`.
+        Axis that points up; only from `make_creatures`.
     DESCR : str
-        What they are.
+        Description of the collection.
     """
 
     meshes: list[Mesh]
@@ -56,11 +57,11 @@ class Collection(Bunch):
         super().__init__(meshes=meshes, correspondences=correspondences, names=names, **more)
 
     def __repr__(self) -> str:
-        """Return a line with the number of meshes and the keys."""
+        """Return one line with the number of meshes and the keys."""
         return f"Collection({len(self.meshes)} meshes, keys: {', '.join(self)})"
 
     def __reduce__(self) -> tuple[Any, ...]:
-        """Pickle the parts by name."""
+        """Pickle the fields by name."""
         return _collection, (dict(self),)
 
     def _repr_html_(self) -> str:

@@ -1,4 +1,4 @@
-"""The two body plans: one skeleton, and for each plan its own joints and thicknesses."""
+"""The two body plans: a common skeleton, with different joints and thicknesses."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -12,22 +12,22 @@ __all__ = ["BODIES", "PARTS", "Body", "Part"]
 
 
 class Part(NamedTuple):
-    """A limb segment: a bone that turns about its start, and the flesh around it.
+    """A body segment: a bone that rotates about its start, and the flesh around it.
 
     Attributes
     ----------
     name : str
         Name of the part.
     parent : str or None
-        Name of the part that carries it along.
+        Name of the part that it is attached to.
     start, end : str
-        Joints between which it lies.
+        Joints at its ends.
     blend : float
-        Width over which it melts into the parts before it.
+        Width over which it blends into the parts before it.
     motion : str or None
-        What turns it (see ``_creature_posing``); None if it only follows its parent.
+        Motion that rotates it (see ``_creature_posing``); None if it only follows its parent.
     paired : bool
-        Whether there is one on either side; joints are then those of the side x > 0.
+        Whether there is one on each side; the joints are then those of the side x > 0.
     """
 
     name: str
@@ -39,7 +39,7 @@ class Part(NamedTuple):
     paired: bool = False
 
 
-# Invented, like all joints below; lengths are in centimetres.
+# All parts and joints are invented; lengths are in centimetres.
 PARTS = (
     Part("pelvis", None, "rump", "loin", 2.0, None),
     Part("belly", "pelvis", "loin", "ribs", 3.0, "spine"),
@@ -68,12 +68,12 @@ PARTS = (
 
 @dataclass(frozen=True)
 class Body:
-    """Sizes of a creature at rest: x to its side, y forwards, z up, in centimetres.
+    """Dimensions of a creature at rest, in centimetres: x sideways, y forwards, z up.
 
     Attributes
     ----------
     joints : mapping of str to (x, y, z, radius)
-        Where each joint is, and how thick the creature is there.
+        Position of each joint, and the radius of the body there.
     """
 
     joints: Mapping[str, tuple[float, float, float, float]]

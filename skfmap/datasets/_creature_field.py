@@ -1,4 +1,4 @@
-"""The implicit surface of a creature at rest: a smooth union of tapered capsules, mirrored in x."""
+"""Implicit surface of a creature at rest: a smooth union of tapered capsules, symmetric in x."""
 
 import numpy as np
 
@@ -7,32 +7,32 @@ from skfmap.datasets._creature_body import PARTS, Body
 
 __all__ = ["capsule_distance", "gradient", "mirror", "part_distances", "project", "signed_distance"]
 
-# Step of differences, in centimetres. The curvature of the thinnest parts, of a radius of 2, turns
-# it into an error of 2e-5 of the slope, which Newton steps correct.
+# Step of finite differences, in centimetres. On the thinnest parts, with a radius of 2, it gives a
+# relative error of 2e-5 in the slope, which Newton steps correct.
 _STEP = 1e-4
 
 
 def mirror(points: FloatArray) -> FloatArray:
-    """Return the points with x and -x exchanged; shape (..., 3)."""
+    """Return points of shape (..., 3), reflected in the plane x = 0."""
     return points * np.array([-1.0, 1.0, 1.0])
 
 
 def capsule_distance(points: FloatArray, start: FloatArray, end: FloatArray) -> FloatArray:
-    """Return how far points are outside a tapered capsule.
+    """Return approximate signed distances of points from a tapered capsule.
 
     Parameters
     ----------
     points : ndarray of shape (n, 3)
-        Where to measure.
+        Query points.
     start, end : ndarray of shape (4,)
         Ends of the capsule: x, y, z and radius.
 
     Returns
     -------
     ndarray of shape (n,)
-        Distance to the nearest point of the axis minus the radius there: negative inside.
+        Distance to the nearest point of the axis minus the radius there; negative inside.
     """
-    # Coordinate by coordinate: operations on columns that are contiguous are the fastest.
+    # Coordinates are treated one by one, because operations on contiguous columns are fastest.
     axis = end - start
     x, y, z = (
         column - beginning for column, beginning in zip(points.T, start[:3].tolist(), strict=True)
@@ -44,20 +44,20 @@ def capsule_distance(points: FloatArray, start: FloatArray, end: FloatArray) -> 
 
 
 def part_distances(body: Body, points: FloatArray) -> FloatArray:
-    """Return how far points are outside each part of the body.
+    """Return approximate signed distances of points from each part of the body.
 
     Parameters
     ----------
     body : Body
         The body at rest.
     points : ndarray of shape (n, 3)
-        Where to measure.
+        Query points.
 
     Returns
     -------
     ndarray of shape (n_parts, n)
-        One row per part of ``PARTS``, unpaired or on the side x > 0. For the other side give
-        mirrored points.
+        One row per part in ``PARTS``. Paired parts are those on the side x > 0; for the other side,
+        pass mirrored points.
     """
     return np.array(
         [capsule_distance(points, *ends) for ends in zip(body.starts, body.ends, strict=True)]
@@ -65,19 +65,19 @@ def part_distances(body: Body, points: FloatArray) -> FloatArray:
 
 
 def signed_distance(body: Body, points: FloatArray) -> FloatArray:
-    """Return, nearly, the distance to the creature's surface.
+    """Return approximate signed distances of points from the surface of a creature.
 
     Parameters
     ----------
     body : Body
         The body at rest.
     points : ndarray of shape (n, 3)
-        Where to measure.
+        Query points.
 
     Returns
     -------
     ndarray of shape (n,)
-        Negative inside; the same at mirrored points.
+        Distances, negative inside and symmetric in x.
     """
     total = np.full(len(points), np.inf)
     points = np.asfortranarray(points)
@@ -91,21 +91,21 @@ def signed_distance(body: Body, points: FloatArray) -> FloatArray:
 
 
 def gradient(body: Body, points: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return the signed distance and its gradient, by differences.
+    """Return the signed distance and its gradient, computed by finite differences.
 
     Parameters
     ----------
     body : Body
         The body at rest.
     points : ndarray of shape (n, 3)
-        Where to differentiate.
+        Points at which to differentiate.
 
     Returns
     -------
     values : ndarray of shape (n,)
-        Signed distance there.
+        Signed distance at the points.
     slopes : ndarray of shape (n, 3)
-        Its gradient, pointing outwards, of length about 1.
+        Gradient of the signed distance, pointing outwards, of length about 1.
     """
     steps = _STEP * np.concatenate([np.zeros((1, 3)), np.eye(3)])
     shifted = np.concatenate([points + step for step in steps])
@@ -114,7 +114,7 @@ def gradient(body: Body, points: FloatArray) -> tuple[FloatArray, FloatArray]:
 
 
 def project(body: Body, points: FloatArray, n_steps: int = 2) -> FloatArray:
-    """Move points to the creature's surface by Newton steps along the gradient.
+    """Move points to the surface of a creature by Newton steps along the gradient.
 
     Parameters
     ----------
@@ -123,7 +123,7 @@ def project(body: Body, points: FloatArray, n_steps: int = 2) -> FloatArray:
     points : ndarray of shape (n, 3)
         Points near the surface.
     n_steps : int
-        How many steps.
+        Number of steps.
 
     Returns
     -------
@@ -137,6 +137,6 @@ def project(body: Body, points: FloatArray, n_steps: int = 2) -> FloatArray:
 
 
 def _smooth_minimum(a: FloatArray, b: FloatArray, width: float) -> FloatArray:
-    """Return the minimum of a and b, rounded off where they differ by less than ``width``."""
+    """Return the minimum of a and b, smoothed where they differ by less than ``width``."""
     overlap = np.maximum(width - np.abs(a - b), 0.0)
     return np.minimum(a, b) - overlap**2 / (4.0 * width)

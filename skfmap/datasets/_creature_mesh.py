@@ -1,4 +1,4 @@
-"""A fresh triangulation of a creature at rest: every call's grid, and so every mesh, is its own."""
+"""Triangulation of a creature at rest on a random grid, so that all meshes differ."""
 
 import numpy as np
 import scipy.sparse as sp
@@ -12,24 +12,25 @@ from skfmap.geometry.isosurface import decimate, marching_cubes
 
 __all__ = ["mesh_body"]
 
-# Figures below are of 500 and 2,000 vertices, both bodies, three grids each.
+# The figures below are for 500 and 2,000 vertices, both bodies, and three grids each.
 #
-# Largest spacing of the grid in centimetres: the least radius of a body, so that tips of ears are
-# met. With 4.0, one grid in thirteen is refused, and the least angle falls from 6 to 0.6 degrees.
+# Largest spacing of the grid in centimetres: the smallest radius of a body, so that tips of ears
+# are sampled. With 4.0, one grid in 13 is rejected, and the least angle falls from 6 to 0.6
+# degrees.
 _COARSEST = 2.2
-# Vertices of the grid's surface for each that is left, from 3,000 on; with 8,000 and 1.5, 2.5 and
-# 4.0, 5 % of the triangles have an angle below 40, 41 and 42 degrees.
+# Vertices of the isosurface per vertex of the result, from 3,000 vertices on. With 8,000 vertices
+# and factors 1.5, 2.5 and 4.0, 5 % of the triangles have an angle below 40, 41 and 42 degrees.
 _OVERSAMPLING = 2.5
-# Vertices of a surface per squared spacing: the mean of |n_x| + |n_y| + |n_z| over all normals.
+# Vertices of the isosurface per squared spacing: the mean of |n_x| + |n_y| + |n_z| over normals.
 _VERTICES_PER_CELL = 1.5
-# Edge, in points of the grid, of the blocks that are looked at first; it changes time only.
+# Edge length, in grid points, of the blocks that are sampled first; it only affects the time.
 _BLOCK = 3
-# Rounds of evening out, and the share of the way to the mean that a vertex takes in each; neither
-# was tuned. After 4, 8 and 16 rounds 5 % of the triangles have an angle below 39, 36 and 26
+# Rounds of smoothing, and the fraction of the way to the mean that a vertex moves in each; neither
+# was tuned. After 4, 8 and 16 rounds, 5 % of the triangles have an angle below 39, 36 and 26
 # degrees.
 _ROUNDS = 8
 _STEP = 0.7
-# Grids that are tried; the first was accepted each time.
+# Largest number of grids to try; the first one has always been accepted.
 _ATTEMPTS = 20
 
 
@@ -43,19 +44,19 @@ def mesh_body(body: Body, n_vertices: int, rng: np.random.Generator) -> tuple[Fl
     n_vertices : int
         Number of vertices of the mesh.
     rng : numpy.random.Generator
-        Draws the grid and the numbering of the vertices.
+        Source of randomness for the grid and the order of the vertices.
 
     Returns
     -------
     vertices : ndarray of shape (n_vertices, 3)
-        Points on the surface, evenly spread.
+        Evenly spread points on the surface.
     faces : ndarray of int, shape (2 * n_vertices - 4, 3)
-        Triangles of a closed manifold of genus 0, wound outwards.
+        Triangles of a closed manifold of genus 0, oriented outwards.
 
     Raises
     ------
     RuntimeError
-        If no grid gave such a mesh.
+        If no grid yields a valid mesh.
     """
     for _ in range(_ATTEMPTS):
         vertices, faces = decimate(
@@ -64,14 +65,15 @@ def mesh_body(body: Body, n_vertices: int, rng: np.random.Generator) -> tuple[Fl
         if _is_sphere(vertices, faces, n_vertices):
             return _shuffle(*_even_out(body, vertices, faces), rng)
     raise RuntimeError(
-        f"No mesh of {n_vertices} vertices came out closed and whole in {_ATTEMPTS} attempts."
+        f"No closed and connected mesh of {n_vertices} vertices was found in {_ATTEMPTS} attempts. "
+        "Try another n_vertices or random_state."
     )
 
 
 def _sample_grid(
     body: Body, n_vertices: int, rng: np.random.Generator
 ) -> tuple[FloatArray, FloatArray]:
-    """Return the signed distance on a grid, exact near the surface, and the grid's points."""
+    """Return the signed distance on a grid, accurate near the surface, and the grid points."""
     cell = _VERTICES_PER_CELL * _rough_area(body) / (_OVERSAMPLING * n_vertices)
     spacing = min(_COARSEST, np.sqrt(cell))
     rotation = Rotation.from_quat(rng.normal(size=4)).as_matrix()
@@ -93,7 +95,7 @@ def _lattice(shape: IntArray) -> FloatArray:
 
 
 def _bounds(body: Body, rotation: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return the box around the body in coordinates of the rotated grid."""
+    """Return the bounding box of the body in the coordinates of the rotated grid."""
     ends = np.concatenate([body.starts, body.ends])
     ends = np.concatenate([ends, ends * [-1.0, 1.0, 1.0, 1.0]])
     centres, radii = ends[:, :3] @ rotation, ends[:, 3:]
@@ -108,7 +110,7 @@ def _rough_area(body: Body) -> float:
 
 
 def _is_sphere(vertices: FloatArray, faces: IntArray, n_vertices: int) -> bool:
-    """Return whether this is one closed, consistently wound surface of genus 0, complete."""
+    """Return whether a mesh is a connected, closed, consistently oriented surface of genus 0."""
     if len(vertices) != n_vertices or len(faces) != 2 * n_vertices - 4:
         return False
     forward = np.concatenate([faces, np.roll(faces, -1, axis=1), np.roll(faces, 1, axis=1)])[:, :2]
@@ -120,7 +122,7 @@ def _is_sphere(vertices: FloatArray, faces: IntArray, n_vertices: int) -> bool:
 
 
 def _even_out(body: Body, vertices: FloatArray, faces: IntArray) -> tuple[FloatArray, IntArray]:
-    """Flip edges, and slide vertices along the surface towards the mean of their neighbours."""
+    """Flip edges, and move vertices along the surface towards the mean of their neighbours."""
     for _ in range(_ROUNDS):
         faces = flip_edges(vertices, faces)
         vertices = project(body, vertices + _slide(body, vertices, faces))
@@ -128,7 +130,7 @@ def _even_out(body: Body, vertices: FloatArray, faces: IntArray) -> tuple[FloatA
 
 
 def _slide(body: Body, vertices: FloatArray, faces: IntArray) -> FloatArray:
-    """Return the tangential part of the way from each vertex to the mean of its neighbours."""
+    """Return the tangential step of each vertex towards the mean of its neighbours."""
     rows, columns = faces.ravel(), np.roll(faces, -1, axis=1).ravel()
     neighbours = sp.coo_array(
         (np.ones(len(rows)), (rows, columns)), shape=(len(vertices),) * 2
@@ -142,6 +144,6 @@ def _slide(body: Body, vertices: FloatArray, faces: IntArray) -> FloatArray:
 def _shuffle(
     vertices: FloatArray, faces: IntArray, rng: np.random.Generator
 ) -> tuple[FloatArray, IntArray]:
-    """Renumber the vertices at random, so that their numbers tell nothing."""
+    """Renumber the vertices at random, so that their indices carry no information."""
     order = rng.permutation(len(vertices))
     return vertices[order], np.argsort(order)[faces]

@@ -1,4 +1,4 @@
-"""Bending a creature at its joints, and carrying points from one body plan to another."""
+"""Bending of a creature at its joints, and transfer of points between body plans."""
 
 from collections.abc import Mapping
 from itertools import combinations
@@ -13,23 +13,25 @@ from skfmap.datasets._creature_field import mirror, part_distances, project
 
 __all__ = ["Pose", "bend", "carry", "draw_pose", "draw_sizes"]
 
-# Turns of each motion on the two sides, shape (2, 3): about x (pitch), y (roll) and z (yaw), in
-# degrees.
+# Rotation of each motion on the two sides, of shape (2, 3): about x (pitch), y (roll) and z (yaw),
+# in degrees.
 Pose = Mapping[str, FloatArray]
 
-# Centimetres beyond its nearest part within which a point follows others too; never varied.
+# A point also follows parts that are farther than its nearest part by less than this, in
+# centimetres; never varied.
 _SOFTNESS = 10.0
-# Centimetres that limbs stay apart, as 93 % of poses of full strength do; with 0 or 3, 96 or 90 %.
+# Least distance between limbs in centimetres. 93 % of poses of full strength satisfy it; with 0 or
+# 3, 96 or 90 % would.
 _CLEARANCE = 1.5
-# Poses that are drawn at most: of a hundred, all are refused with a chance of 1e-117.
+# Largest number of poses to draw; the probability that all 100 are rejected is 1e-117.
 _ATTEMPTS = 100
 # Points along the axis of a part at which its distance to others is measured; never varied.
 _N_SAMPLES = 5
-# Newton steps to the surface of the other body, which points of the cat miss by 2.5 centimetres at
-# most on the horse; after two they are 0.0003 away, after four on it.
+# Newton steps to the surface of the other body. Points of the cat start at most 2.5 centimetres
+# from that of the horse; after two steps they are 0.0003 away, and after four on it.
 _N_STEPS = 6
 
-# Limbs, and their side: x > 0 or the middle (0), or x < 0 (1).
+# Limbs and their side: 0 for x > 0 or the middle, 1 for x < 0.
 _TAIL = (("tail3", "tail4", "tail5", "tail6"), 0)
 _THIGHS = ((("thigh",), 0), (("thigh",), 1))
 _LIMBS = (
@@ -40,10 +42,10 @@ _LIMBS = (
     (("head", "snout"), 0),
     _TAIL,
 )
-# Pairs of limbs that must not touch.
+# Pairs of limbs that must keep their distance.
 _RIVALS = (*combinations(_LIMBS, 2), *((_TAIL, thigh) for thigh in _THIGHS))
 
-# Least and greatest pitch, roll and yaw in degrees, invented; for limbs on the side x > 0.
+# Smallest and largest pitch, roll and yaw in degrees, for limbs on the side x > 0; invented.
 _RANGES: Mapping[str, tuple[tuple[float, float], tuple[float, float], tuple[float, float]]] = {
     "spine": ((-18, 18), (-8, 8), (-20, 20)),
     "neck": ((-22, 20), (-8, 8), (-22, 22)),
@@ -61,21 +63,23 @@ _RANGES: Mapping[str, tuple[tuple[float, float], tuple[float, float], tuple[floa
 
 
 def draw_pose(body: Body, rng: np.random.Generator, strength: float) -> Pose:
-    """Draw a pose at random: each motion of each side on its own, and again if limbs would touch.
+    """Draw a random pose in which limbs do not touch.
+
+    The motions of the two sides are drawn independently.
 
     Parameters
     ----------
     body : Body
-        The body to be bent.
+        The body to bend.
     rng : numpy.random.Generator
-        Draws the angles, uniformly in their ranges.
+        Source of the angles, which are uniform in their ranges.
     strength : float
-        What angles are multiplied by; 0 is rest.
+        Factor of the angles; 0 is the rest pose.
 
     Returns
     -------
     mapping of str to ndarray of shape (2, 3)
-        Pitch, roll and yaw of each motion in degrees, on the side x > 0 (and in the middle) and on
+        Pitch, roll and yaw of each motion in degrees, on the side x > 0 (or in the middle) and on
         the other side.
 
     Raises
@@ -90,45 +94,48 @@ def draw_pose(body: Body, rng: np.random.Generator, strength: float) -> Pose:
             pose[name] = strength * rng.uniform(low, high, size=(2, 3))
         if _limbs_clear(body, pose):
             return pose
-    raise RuntimeError(f"Limbs touch in all of {_ATTEMPTS} poses.")
+    raise RuntimeError(
+        f"Limbs touch in all of {_ATTEMPTS} random poses. Lower pose_strength, or try another "
+        "random_state."
+    )
 
 
 def draw_sizes(rng: np.random.Generator, variation: float) -> FloatArray:
-    """Draw how large the parts of one individual are, the same on both sides.
+    """Draw random scale factors of the parts, the same on both sides.
 
     Parameters
     ----------
     rng : numpy.random.Generator
-        Draws the sizes, uniformly.
+        Source of the factors, which are uniform.
     variation : float
-        Greatest difference from 1.
+        Largest difference of a factor from 1.
 
     Returns
     -------
     ndarray of shape (n_parts,)
-        What each part of ``PARTS`` is scaled by.
+        Scale factor of each part in ``PARTS``.
     """
     return 1.0 + variation * rng.uniform(-1.0, 1.0, size=len(PARTS))
 
 
 def bend(body: Body, points: FloatArray, pose: Pose, sizes: FloatArray) -> FloatArray:
-    """Bend a creature into a pose: every point follows the parts that are near to it.
+    """Bend a creature into a pose; each point follows the parts near to it.
 
     Parameters
     ----------
     body : Body
         The body at rest.
     points : ndarray of shape (n, 3)
-        Points on it.
+        Points on the body.
     pose : mapping of str to ndarray of shape (2, 3)
         Pitch, roll and yaw of each motion in degrees, on the two sides.
     sizes : ndarray of shape (n_parts,)
-        What each part is scaled by, about its start.
+        Scale factor of each part, about its start.
 
     Returns
     -------
     ndarray of shape (n, 3)
-        Where the points go.
+        The points in the pose.
     """
     weights = _weights(body, points)
     moved = np.zeros_like(points)
@@ -141,7 +148,7 @@ def bend(body: Body, points: FloatArray, pose: Pose, sizes: FloatArray) -> Float
 
 
 def carry(source: Body, target: Body, points: FloatArray) -> FloatArray:
-    """Carry points from the surface of one body plan to that of another, part by part.
+    """Transfer points from the surface of one body plan to that of another, part by part.
 
     Parameters
     ----------
@@ -153,8 +160,8 @@ def carry(source: Body, target: Body, points: FloatArray) -> FloatArray:
     Returns
     -------
     ndarray of shape (n, 3)
-        Points on the surface of ``target``: as far along the corresponding parts, and in the same
-        direction from them.
+        Points on the surface of ``target``, at the same fraction of the length of corresponding
+        parts and in the same direction from their axes.
     """
     moved = np.zeros_like(points)
     ends = list(zip(source.starts, source.ends, target.starts, target.ends, strict=True))
@@ -166,7 +173,7 @@ def carry(source: Body, target: Body, points: FloatArray) -> FloatArray:
 
 
 def _weights(body: Body, points: FloatArray) -> FloatArray:
-    """Return how much each point follows each part on each side, shape (2, n_parts, n), sum 1."""
+    """Return the weight of each part on each side for each point, of shape (2, n_parts, n)."""
     sides = np.stack([part_distances(body, points), part_distances(body, mirror(points))])
     sides[1, [not part.paired for part in PARTS]] = np.inf
     excess = sides - sides.min(axis=(0, 1))
@@ -194,7 +201,7 @@ def _motions(
 
 
 def _limbs_clear(body: Body, pose: Pose) -> bool:
-    """Return whether legs, head and tail keep a distance from each other."""
+    """Return whether legs, head and tail keep their distance from each other."""
     motions = [_motions(body, pose, np.ones(len(PARTS)), side) for side in (0, 1)]
     for first, second in _RIVALS:
         a, b = (_limb(body, motions[side], names, side) for names, side in (first, second))
@@ -230,7 +237,7 @@ def _carry_along(
     new_start: FloatArray,
     new_end: FloatArray,
 ) -> FloatArray:
-    """Map points around one part to points around another, by length and by thickness."""
+    """Map points around one part to points around another, scaling length and thickness."""
     axis, new_axis = end - start, new_end - new_start
     length, new_length = np.linalg.norm(axis[:3]), np.linalg.norm(new_axis[:3])
     local = (points - start[:3]) @ _frame(axis[:3]).T
@@ -243,7 +250,7 @@ def _carry_along(
 
 
 def _frame(axis: FloatArray) -> FloatArray:
-    """Return rows: the axis, the direction of x made orthogonal to it, and their cross product."""
+    """Return an orthonormal frame as rows: the axis, x made orthogonal to it, and their product."""
     along = axis / np.linalg.norm(axis)
     sideways = np.array([1.0, 0.0, 0.0]) - along[0] * along
     sideways /= np.linalg.norm(sideways)

@@ -1,4 +1,4 @@
-"""A collection of one four-legged creature in many poses, made without any download."""
+"""A generated collection: a four-legged creature in many poses."""
 
 from collections.abc import Sequence
 from functools import lru_cache
@@ -20,23 +20,24 @@ from skfmap.shapes import Correspondence, Mesh
 __all__ = ["make_creatures"]
 
 _TEMPLATE_BODY = "cat"
-# Vertices that template points are chosen from: twice the most points that can be asked for.
+# Number of vertices from which template points are chosen: twice the largest allowed n_points.
 _TEMPLATE_VERTICES = 6000
-# Centimetres that template points keep from the mirror plane, so that none is its own mirror image.
+# Least distance of template points from the mirror plane in centimetres, so that no point is its
+# own mirror image.
 _TEMPLATE_MARGIN = 0.5
 
 _DESCR = """\
-A four-legged creature in many poses, computed from capsules; nothing is downloaded.
+A four-legged creature in many poses, generated from capsules; nothing is downloaded.
 
-Each mesh is closed, manifold, of genus 0 and wound outwards, with connectivity of its own, in
-centimetres. The creature is symmetric from left to right at rest. The first mesh is at rest; the
-others are bent at random, nearly isometrically, and their parts differ a little in size.
+Each mesh is a closed manifold of genus 0, oriented outwards, with its own connectivity, in
+centimetres. At rest, the creature has left-right symmetry. The first mesh is at rest; the others
+are bent at random, nearly isometrically, and their parts differ slightly in size.
 Bodies: {bodies}. Different bodies share the template but are far from isometric to each other.
 
 meshes : the shapes
 correspondences : vertex of each shape at each template point, direct and symmetric
 names : body and number of each shape
-template_points : the {n_points} points on the {template} at rest; the second half mirrors the first
+template_points : {n_points} points on the {template} at rest; the second half mirrors the first
 """
 
 
@@ -50,49 +51,53 @@ def make_creatures(
     variation: float = 0.12,
     random_state: int = 0,
 ) -> Collection:
-    """Make a collection of one four-legged creature in many poses.
+    """Make a collection of a four-legged creature in many poses.
 
     Parameters
     ----------
-    n_shapes : int
-        Number of shapes. The first is the creature at rest; the others are posed at random.
-    n_vertices : int
-        Number of vertices of every mesh, met exactly, from 500 to 20,000. Below 1,000, tips of ears
-        and tail are lost.
-    body : {"cat", "horse"} or sequence of them
-        Body plan, of all shapes or of each: the horse has longer legs and neck and a shorter tail.
-    n_points : int
-        Number of template points, even. The template depends on it alone, so that all bodies share
-        it.
-    pose_strength : float
-        From 0, all shapes at rest, to 1, angles of up to about 50 degrees at the joints.
-    variation : float
-        By how much, at most, each part of the body is larger or smaller than on the first shape,
-        from 0 to 0.2. The same on both sides. 0 leaves the bending alone, which is nearer to
-        isometric than that of scanned animals.
-    random_state : int
-        Seed. Shape ``i`` depends on it and on ``i`` but not on the other shapes.
+    n_shapes : int, default=11
+        Number of shapes. The first is the creature at rest; the others have random poses.
+    n_vertices : int, default=2000
+        Exact number of vertices of each mesh, from 500 to 20,000. With fewer than 1,000, the tips
+        of ears and tail are lost.
+    body : {"cat", "horse"} or sequence of these, default="cat"
+        Body plan of all shapes or of each. The horse has longer legs, a longer neck and a shorter
+        tail.
+    n_points : int, default=1500
+        Number of template points; must be even. The template depends on nothing else, so all bodies
+        share it.
+    pose_strength : float, default=1.0
+        Strength of the poses, from 0 (all shapes at rest) to 1 (angles of up to about 50 degrees at
+        the joints).
+    variation : float, default=0.12
+        Largest relative difference in size of each part of the body from that on the first shape,
+        from 0 to 0.2. It is the same on both sides. With 0, shapes differ only by bending, which is
+        closer to isometric than in scanned animals.
+    random_state : int, default=0
+        Seed. Shape ``i`` depends on the seed and on ``i``, but not on the other shapes.
 
     Returns
     -------
     Collection
-        With ``meshes``, a list of `Mesh`; ``correspondences``, a list of `Correspondence` with
-        symmetric answers; ``names``, a list of str; ``template_points``, an array of shape
-        (n_points, 3) on the cat at rest, whose second half mirrors the first; ``up``, the axis that
-        points up; and ``DESCR``.
+        Collection with ``meshes``, a list of `Mesh`; ``correspondences``, a list of
+        `Correspondence` with symmetric answers; ``names``, a list of str; ``template_points``, an
+        array of shape (n_points, 3) on the cat at rest, whose second half mirrors the first;
+        ``up``, the axis that points up; and ``DESCR``.
 
     Raises
     ------
-    TypeError, ValueError
-        If an argument is of the wrong type or out of its range.
+    TypeError
+        If an argument has the wrong type.
+    ValueError
+        If an argument is out of range.
 
     Notes
     -----
-    The creature at rest is a smooth union of tapered capsules, given as an implicit function that
-    is symmetric in x. Its zero level is triangulated by marching cubes on a randomly rotated and
-    shifted grid, thinned out to ``n_vertices`` and evened out, all on the surface; then it is bent
-    at its joints by blended rotations, and turned about the vertical. A template point corresponds
-    to the nearest vertex at rest, before bending.
+    The creature at rest is a smooth union of tapered capsules, defined by an implicit function that
+    is symmetric in x. Its zero level set is triangulated by marching cubes on a randomly rotated
+    and shifted grid, thinned to ``n_vertices`` vertices and smoothed along the surface. It is then
+    bent at its joints by blended rotations and rotated about the vertical axis. A template point
+    corresponds to the vertex nearest to it at rest, before bending.
 
     Examples
     --------
@@ -111,7 +116,8 @@ def make_creatures(
     check_number(random_state, "random_state", low=0, integer=True)
     if n_points % 2:
         raise ValueError(
-            f"n_points must be even, since template points come in mirrored pairs; got {n_points}."
+            "n_points must be even, because template points come in mirrored pairs; got "
+            f"{n_points}."
         )
     bodies = _check_bodies(body, n_shapes)
     looks = _Looks(n_vertices, n_points, pose_strength, variation, random_state)
@@ -129,7 +135,7 @@ def make_creatures(
 
 
 class _Looks(NamedTuple):
-    """What all shapes of a collection share: arguments of `make_creatures` of the same names."""
+    """Arguments of `make_creatures` that all shapes of a collection share."""
 
     n_vertices: int
     n_points: int
@@ -142,14 +148,14 @@ def _check_bodies(body: str | Sequence[str], n_shapes: int) -> list[str]:
     bodies = [body] * n_shapes if isinstance(body, str) else list(body)
     if len(bodies) != n_shapes:
         raise ValueError(
-            f"body must name one body plan, or one per shape ({n_shapes}); got {len(bodies)} of "
-            "them."
+            f"body must name one body plan, or one for each of the {n_shapes} shapes; got "
+            f"{len(bodies)}."
         )
     return [check_choice(name, "body", list(BODIES)) for name in bodies]
 
 
 def _make_shape(index: int, name: str, looks: _Looks) -> tuple[Mesh, Correspondence]:
-    """Return a mesh and where it lies on the template; the first is at rest."""
+    """Return a mesh and its correspondence; the first shape is at rest."""
     body = BODIES[name]
     rng = np.random.default_rng([looks.random_state, index])
     pose = draw_pose(body, rng, looks.pose_strength)
@@ -163,7 +169,7 @@ def _make_shape(index: int, name: str, looks: _Looks) -> tuple[Mesh, Corresponde
 
 
 def _correspond(at_rest: FloatArray, template: FloatArray) -> Correspondence:
-    """Return the vertex nearest to each template point, and to its mirror image."""
+    """Return the correspondence given by the vertices nearest to template points at rest."""
     nearest = cKDTree(at_rest).query(template)[1]
     return Correspondence.from_template(nearest, symmetric=np.roll(nearest, len(template) // 2))
 
@@ -179,9 +185,9 @@ def _template(n_points: int, body: str) -> FloatArray:
 
 @lru_cache
 def _spread_points(n_points: int) -> FloatArray:
-    """Return well-spread points with x > 0 on the template body.
+    """Return well-spread points with x > 0 on the template body, by farthest-point sampling.
 
-    Each is as far as can be from those before it and from their mirror images.
+    Each point is as far as possible from earlier points and their mirror images.
     """
     vertices, _ = mesh_body(BODIES[_TEMPLATE_BODY], _TEMPLATE_VERTICES, np.random.default_rng(0))
     candidates = vertices[vertices[:, 0] > _TEMPLATE_MARGIN]

@@ -6,28 +6,29 @@ from skfmap._tools.types import BoolArray, FloatArray, IntArray
 
 __all__ = ["flip_edges"]
 
-# Radians beyond 180 degrees below which the two angles are equal to rounding: such edges would be
-# flipped back and forth.
+# Tolerance in radians of the comparison with 180 degrees. Without it, rounding would make edges
+# flip back and forth.
 _ROUNDING = 1e-6
 
 
 def flip_edges(vertices: FloatArray, faces: IntArray, n_rounds: int = 4) -> IntArray:
-    """Flip edges that face more than 180 degrees, unless the surface would fold or branch.
+    """Flip edges with opposite angles of more than 180 degrees in sum.
+
+    An edge is not flipped if the surface would fold or become non-manifold.
 
     Parameters
     ----------
     vertices : ndarray of shape (n_vertices, 3)
         Coordinates.
     faces : ndarray of int, shape (n_faces, 3)
-        Triangles of a closed, manifold, consistently wound surface.
+        Triangles of a closed, manifold, consistently oriented surface.
     n_rounds : int
-        How often to look for edges to flip; in one round every triangle takes part in one flip at
-        most.
+        Number of rounds. In each round, a triangle takes part in at most one flip.
 
     Returns
     -------
     ndarray of int, shape (n_faces, 3)
-        Triangles, wound the same way.
+        Triangles with the same orientation.
 
     Examples
     --------
@@ -54,7 +55,7 @@ def flip_edges(vertices: FloatArray, faces: IntArray, n_rounds: int = 4) -> IntA
 
 
 def _edges(faces: IntArray) -> tuple[IntArray, IntArray]:
-    """Return (a, b, left apex, right apex) of each edge a < b, and the triangles on its sides."""
+    """Return (a, b, left apex, right apex) for each edge a < b, and its two triangles."""
     starts, ends = faces.ravel(), np.roll(faces, -1, axis=1).ravel()
     apexes = np.roll(faces, -2, axis=1).ravel()
     owners = np.repeat(np.arange(len(faces)), 3)
@@ -66,7 +67,7 @@ def _edges(faces: IntArray) -> tuple[IntArray, IntArray]:
 
 
 def _is_obtuse(vertices: FloatArray, corners: IntArray) -> BoolArray:
-    """Return whether the two angles that face an edge add up to more than 180 degrees."""
+    """Return whether the two angles opposite each edge sum to more than 180 degrees."""
     a, b, left, right = (vertices[column] for column in corners.T)
     return np.asarray(_angle(a - left, b - left) + _angle(a - right, b - right) > np.pi + _ROUNDING)
 
@@ -76,14 +77,14 @@ def _angle(u: FloatArray, v: FloatArray) -> FloatArray:
 
 
 def _is_joined(corners: IntArray, chosen: IntArray, n_vertices: int) -> BoolArray:
-    """Return whether the vertices that face each chosen edge have an edge of their own already."""
+    """Return whether the vertices opposite each chosen edge are already joined by an edge."""
     present = corners[:, 0] * n_vertices + corners[:, 1]
     ends = np.sort(corners[chosen, 2:], axis=1)
     return np.isin(ends[:, 0] * n_vertices + ends[:, 1], present)
 
 
 def _would_fold(vertices: FloatArray, corners: IntArray) -> BoolArray:
-    """Return whether a triangle after the flip looks away from those before it."""
+    """Return whether a triangle would face away from the old ones after the flip."""
     a, b, left, right = (vertices[column] for column in corners.T)
     before = np.cross(b - a, left - a) + np.cross(right - a, b - a)
     first, second = np.cross(left - right, a - right), np.cross(right - left, b - left)
@@ -93,7 +94,7 @@ def _would_fold(vertices: FloatArray, corners: IntArray) -> BoolArray:
 
 
 def _independent(corners: IntArray, sides: IntArray) -> IntArray:
-    """Return the indices of flips that share no triangle and make no edge twice, greedily."""
+    """Choose flips greedily that share no triangle and create no edge twice; return indices."""
     taken: set[int] = set()
     made: set[tuple[int, int]] = set()
     chosen = []

@@ -1,4 +1,4 @@
-"""Collections of shapes in a folder."""
+"""Loading of a collection of shapes from a folder."""
 
 import io
 import re
@@ -17,7 +17,12 @@ from skfmap._tools.types import (
 from skfmap._tools.validation import check_choice, check_index_range
 from skfmap._tools.warn import warn
 from skfmap.datasets._collection import Collection
-from skfmap.datasets._landmark_files import landmark_files, landmarks_on, only_one
+from skfmap.datasets._landmark_files import (
+    landmark_files,
+    landmarks_on,
+    only_one,
+    unread_landmarks,
+)
 from skfmap.datasets._vertex_files import read_column
 from skfmap.exceptions import (
     CorrespondenceError,
@@ -53,81 +58,86 @@ def load_collection(
 ) -> Collection:
     """Load the meshes of a folder with their correspondences, the reference first.
 
-    For each mesh ``NAME.off`` (or another format that `skfmap.io.read_mesh` reads) the first of
-    these that exists is read:
+    For each mesh ``NAME.off`` (or any format that `skfmap.io.read_mesh` reads), correspondences are
+    read from the first of these files that exists:
 
     - ``NAME.vts``, and ``NAME.sym.vts`` if there is one: the vertex of each template point, one per
       line, counted from 1, and the vertex of its symmetric counterpart (the format of the TOSCA
       remeshes);
-    - ``NAME.vertices.txt`` or ``.npy``: the template point of each vertex, counted from 0, -1 where
-      unknown;
-    - ``NAME.template.txt`` or ``.npy``: the vertex of each template point, counted from 0, -1 where
-      unknown;
+    - ``NAME.vertices.txt`` or ``.npy``: the template point of each vertex, counted from 0; -1 if it
+      is unknown;
+    - ``NAME.template.txt`` or ``.npy``: the vertex of each template point, counted from 0; -1 if it
+      is unknown;
     - ``NAME.txt`` or ``.npy``: two columns, vertex and template point, counted from 0; and
-      ``NAME.sym.txt`` or ``.npy`` if there is one, which is that of symmetric counterparts;
-    - landmarks, in the coordinates of the mesh, in any format of `skfmap.io.read_landmarks`:
+      ``NAME.sym.txt`` or ``.npy`` if there is one: the same for the symmetric counterparts;
+    - landmarks in the coordinates of the mesh, in any format of `skfmap.io.read_landmarks`:
       ``NAME.fcsv``, ``NAME.mrk.json``, ``NAME_picked_points.pp``, ``NAME.tps``, ``NAME.pts``,
-      ``NAME.csv``, ``NAME.tsv``, and ``NAME.txt`` with three columns or more. Behind ``NAME`` may
-      stand ``_Landmarks``, ``_LM``, ``_points``, ``_markups`` or ``_fiducials``, in letters of any
-      case. Each landmark is put onto the surface where it is nearest
-      (`Correspondence.from_points`), and those of the same name correspond. One that is missing on
-      a mesh is missing there only.
+      ``NAME.csv``, ``NAME.tsv``, or ``NAME.txt`` with at least three columns. ``NAME`` may be
+      followed by ``_Landmarks``, ``_LM``, ``_points``, ``_markups`` or ``_fiducials``, in any
+      letter case. Each landmark is projected onto the nearest point of the surface
+      (`Correspondence.from_points`). Landmarks with the same name correspond; a landmark may be
+      missing on some of the meshes.
 
-    In the first three the line says which point is meant: an empty line, ``NA``, ``nan`` or ``#
-    missing`` is a point that is unknown, as -1 is in the second and the third.
+    In the text files of the first three kinds, the line number identifies the point. An empty line,
+    ``NA``, ``nan`` or ``# missing`` marks an unknown point, as does -1 in the second and third
+    kinds.
 
-    If no mesh has any of them and all meshes have as many vertices and most edges in common,
-    whatever the order of their faces, vertices correspond by their number.
+    If no mesh has such a file, and all meshes have the same number of vertices and share most of
+    their edges, vertices correspond by number.
 
     Parameters
     ----------
     folder : str or Path
-        Where the meshes are.
+        Folder with the meshes.
     pattern : str, default="*"
-        Which of them, by name without suffix: ``"cat*"``.
+        Pattern of the names of the meshes to load, without suffix, such as ``"cat*"``.
     reference : str, optional
-        Name of the mesh to put first; the first in natural order (cat2 before cat10) by default.
+        Name of the mesh to put first. The default is the first name in natural order, in which cat2
+        comes before cat10.
     on_invalid : {"mend", "raise", "skip"}, default="mend"
-        What to do with a mesh that cannot be read as it is. ``"mend"`` reads one with NaN
-        coordinates or faces that lead nowhere, with a warning: vertices keep their numbers, those
-        with NaN belong to no face, and `SpectralBasis` mends that and all else. ``"raise"`` raises.
-        ``"skip"`` mends too; and where that does not help, or where correspondences cannot be read
-        or do not fit those of the others (none beside the mesh, ``.vts`` files of another length,
-        other faces where vertices correspond by number), it puts a `skfmap.shapes.SkippedShape` in
-        the mesh's place, with a warning; ``SpectralBasis(on_invalid="skip")`` passes it on, and the
-        learner leaves it out. The reference always raises.
+        What to do with a mesh that is not sound. ``"mend"`` accepts NaN coordinates and faces with
+        invalid indices, with a warning: these faces are dropped, vertices keep their indices, and
+        `SpectralBasis` does all other repairs. ``"raise"`` raises an error. ``"skip"`` mends as
+        well, but if a mesh still cannot be used, or its correspondences cannot be read or do not
+        agree with those of the other meshes (no file, ``.vts`` files of different lengths, or
+        different faces if vertices correspond by number), it is replaced by a
+        `skfmap.shapes.SkippedShape`, with a warning. ``SpectralBasis(on_invalid="skip")`` passes
+        skipped shapes on, and the learner leaves them out. An unusable reference always raises an
+        error.
     by_number : bool, default=False
-        Whether vertices correspond by their number, whatever files lie beside the meshes and
-        whatever their faces; they have to be equally many.
+        Whether vertices correspond by number, regardless of files beside the meshes and of their
+        faces. All meshes must then have the same number of vertices.
 
     Returns
     -------
     Collection
-        ``meshes`` (list of Mesh), ``paths`` (list of str, the same meshes as files: large ones need
-        not be held all at a time), ``correspondences`` (list of Correspondence), ``landmarks``
-        (list of Landmarks, None for meshes that have no file of them), ``names`` (list of str), and
-        ``DESCR``, which says from which files correspondences were taken.
+        Collection with ``meshes`` (list of Mesh); ``paths`` (list of str, the files of the meshes,
+        which can be used in place of ``meshes`` to save memory); ``correspondences`` (list of
+        Correspondence); ``landmarks`` (list of Landmarks, None for meshes without a landmark file);
+        ``names`` (list of str); and ``DESCR``, which states the source of the correspondences.
 
     Raises
     ------
     FileNotFoundError, NotADirectoryError
-        If the folder does not exist, is a file, or holds no such mesh.
+        If the folder does not exist, is a file, or contains no matching mesh.
     CorrespondenceError
-        If a mesh has no correspondences, or they do not fit it; if ``.vts`` files differ in length;
-        if a mesh has two files of landmarks; if some meshes have landmarks by name and others
-        points by number; or if a file beside an STL mesh counts on vertex numbers, which that
-        format does not have.
+        If a mesh has no correspondences, or they do not belong to it; if ``.vts`` files differ in
+        length; if a mesh has several landmark files; if some meshes have named landmarks and others
+        numbered points; or if correspondences refer to vertices of an STL mesh, which have no
+        fixed order.
     MeshError
         If a mesh cannot be read.
 
     Warns
     -----
-    RepairWarning, SkippedShapeWarning
-        If meshes were mended, or left out, as ``on_invalid`` says; if landmarks lie on their mesh
-        only with x and y negated (3D Slicer's systems LPS and RAS), and were turned; if meshes are
-        of a format that is not read.
+    RepairWarning
+        If meshes were mended, or if landmarks lie on their mesh only with x and y negated (the
+        coordinate systems LPS and RAS of 3D Slicer), and were negated.
+    SkippedShapeWarning
+        If meshes were skipped, or if meshes or landmark files have a format that is not read.
     CoverageWarning
-        If one template point stands for a large share of a mesh: 0 for "none"?
+        If a template point or a vertex occurs in a large share of the pairs of a mesh, which
+        suggests that it stands for "none".
 
     Examples
     --------
@@ -145,7 +155,8 @@ def load_collection(
     folder = Path(folder)
     if folder.is_file():
         raise NotADirectoryError(
-            f"{folder} is a file; give the folder that it is in, and choose meshes with `pattern`."
+            f"{folder} is a file. Give the folder that contains it, and select meshes with "
+            "`pattern`."
         )
     if not folder.is_dir():
         raise FileNotFoundError(f"There is no folder {folder}.")
@@ -158,6 +169,9 @@ def load_collection(
         _read(path, files, one, by_number)
         for path, files, one in zip(paths, marked, modes, strict=True)
     ]
+    bare = [path for path, one in zip(paths, read, strict=True) if one.truth is None]
+    if not by_number and (unread := unread_landmarks(bare)):
+        warn(unread, SkippedShapeWarning)
     meshes = [one.mesh for one in read]
     beside = any(one.truth is not None for one in read)
     faults = (
@@ -185,7 +199,7 @@ def load_collection(
             for i, mesh in enumerate(meshes)
         ]
         how = "vertices correspond by number"
-    out = f" ({len(meshes) - len(sound)} left out)" if len(sound) < len(meshes) else ""
+    out = f" ({len(meshes) - len(sound)} skipped)" if len(sound) < len(meshes) else ""
     return Collection(
         meshes=meshes,
         paths=[str(path) for path in paths],
@@ -196,25 +210,26 @@ def load_collection(
     )
 
 
-_LARGEST = 2**53  # whole numbers beyond are not exact as floats, which text is read as
+_LARGEST = 2**53  # text is read as floats, in which larger integers are not exact
 
-_MOST = 8  # names that a message lists
+_MOST = 8  # largest number of names listed in a message
 
 _NO_FACES = np.empty((0, 3), dtype=np.int64)
 
-# The correspondence of a shape that is left out.
+# The correspondence of a skipped shape.
 _NONE = Correspondence(np.empty((0, 2), dtype=np.int64))
 
 
-# Nothing works without the reference.
+# The reference cannot be skipped.
 _REFERENCE = {"mend": "mend", "raise": "raise", "skip": "mend"}
 
 
 class _Read(NamedTuple):
-    """What the files of a shape hold; ``faces`` as stored, ``done`` says how they were mended.
+    """Contents of the files of a shape.
 
-    ``source`` is the file that ``truth`` is from, with NAME for the name of the mesh, and ``note``
-    says what was done as it asks for.
+    ``faces`` are as stored; ``done`` describes repairs; ``source`` is the file that ``truth`` comes
+    from, with NAME in place of the name of the mesh; ``note`` describes conversions that this file
+    asks for.
     """
 
     mesh: Mesh | SkippedShape
@@ -227,9 +242,9 @@ class _Read(NamedTuple):
 
 
 def _read(path: Path, marked: list[Path], on_invalid: str, by_number: bool) -> _Read:
-    """Return a mesh and where it lies on the template; a skipped shape if it cannot be read.
+    """Return a mesh and its correspondence; a skipped shape if it cannot be read.
 
-    ``marked`` are files of landmarks beside it; where vertices correspond by number no file counts.
+    ``marked`` are its landmark files. All files are ignored if ``by_number`` is True.
     """
     try:
         arrays = read_arrays(path)
@@ -257,7 +272,7 @@ def _with_landmarks(read: _Read, mesh: Mesh, file: Path) -> _Read:
 
 
 def _numbered_alike(read: list[_Read], sound: list[int]) -> list[Correspondence]:
-    """Return the correspondences, template points of one name having one number in all of them."""
+    """Return the correspondences, with names of template points numbered alike in all of them."""
     marks = [read[i].landmarks for i in sound]
     names = list(dict.fromkeys(name for one in marks if one is not None for name in one.names))
     out = [(one.truth if i in sound else None) or _NONE for i, one in enumerate(read)]
@@ -269,7 +284,7 @@ def _source(file: Path | None, stem: str) -> str:
 
 
 def _sources(read: list[_Read], sound: list[int]) -> str:
-    """Return which kinds of files correspondences are from, and what was done as they ask for."""
+    """Describe the kinds of files that correspondences come from, and conversions made."""
     kinds = [read[i].source for i in sound]
     counts = [f"{kind} for {kinds.count(kind)}" for kind in dict.fromkeys(kinds)]
     notes = [read[i].note for i in sound if read[i].note]
@@ -289,13 +304,13 @@ def _range(counts: list[int]) -> str:
 def _mesh_paths(folder: Path, pattern: str, reference: str | None) -> list[Path]:
     if not isinstance(pattern, str) or not pattern or "/" in pattern or "**" in pattern:
         raise ValueError(
-            "pattern must be the name of meshes in the folder, '*' for any letters; got "
+            "pattern must match names of meshes in the folder, with '*' for any characters; got "
             f"{pattern!r}."
         )
     for suffix in READ_SUFFIXES:
         pattern = pattern.removesuffix(suffix)
-    # Files that begin with a dot are what systems leave beside others; a link that leads nowhere is
-    # an error later.
+    # Operating systems leave hidden files beside others, so names that begin with a dot are left
+    # out. Broken links are kept; they raise an error when they are read.
     seen = [p for p in folder.glob(pattern + ".*") if p.is_symlink() or p.is_file()]
     paths = sorted(
         (p for p in seen if p.suffix.lower() in READ_SUFFIXES and p.name[0] != "."), key=_natural
@@ -304,7 +319,7 @@ def _mesh_paths(folder: Path, pattern: str, reference: str | None) -> list[Path]
     other = unread_formats(folder, seen, paths)
     if not paths:
         raise FileNotFoundError(
-            f"{folder} has no mesh {pattern!r} with suffix {', '.join(READ_SUFFIXES)}."
+            f"{folder} contains no mesh {pattern!r} with suffix {', '.join(READ_SUFFIXES)}."
             + (f" {other}" if other else "")
         )
     if other:
@@ -312,26 +327,27 @@ def _mesh_paths(folder: Path, pattern: str, reference: str | None) -> list[Path]
     if twins:
         warn(
             f"{folder}: {', '.join(path.name for path in twins[:_MOST])}"
-            f"{' and others' if len(twins) > _MOST else ''} are left out, as meshes of the same "
-            f"name are there as {', '.join(MESH_SUFFIXES)}.",
+            f"{' and others' if len(twins) > _MOST else ''} are left out, because the folder also "
+            f"has meshes of the same names in one of the formats {', '.join(MESH_SUFFIXES)}.",
             SkippedShapeWarning,
         )
     stems = [path.stem for path in paths]
     twice = sorted({stem for stem in stems if stems.count(stem) > 1})
     if twice:
         raise ValueError(
-            f"{folder} holds {twice} in more than one format; keep one, so that names are unique."
+            f"{folder} contains {twice} in more than one format. Keep one file of each, so that "
+            "names are unique."
         )
     if reference is None:
         return paths
     if reference not in stems:
-        raise ValueError(f"reference={reference!r} is not among the meshes found: {stems}.")
+        raise ValueError(f"reference={reference!r} is not one of the meshes found: {stems}.")
     first = stems.index(reference)
     return [paths[first], *paths[:first], *paths[first + 1 :]]
 
 
 def _without_twins(paths: list[Path]) -> tuple[list[Path], list[Path]]:
-    """Return the meshes without copies for viewing, in formats that are not written, and these."""
+    """Split off copies of meshes in formats that are only read, such as those for viewing."""
     stems = {path.stem for path in paths if path.suffix.lower() in MESH_SUFFIXES}
     twins = [
         path for path in paths if path.stem in stems and path.suffix.lower() not in MESH_SUFFIXES
@@ -348,21 +364,22 @@ def _read_correspondence(path: Path, mesh: Mesh) -> tuple[Correspondence | None,
     truth, file = _find_correspondence(path, mesh)
     if truth is not None and path.suffix.lower() == ".stl":
         raise CorrespondenceError(
-            f"{path} has correspondences beside it, but STL files have no vertex numbers for "
-            "these to count on; use the OFF, OBJ or PLY file that they were made for."
+            f"{path} has correspondences beside it, but the vertices of an STL file have no fixed "
+            "order. Use the OFF, OBJ or PLY file that the correspondences were made for."
         )
     return truth, file
 
 
 def _find_correspondence(path: Path, mesh: Mesh) -> tuple[Correspondence | None, Path | None]:
-    """Return what a file that counts vertices says, and that file; None where there is none."""
+    """Return the correspondence from a file of vertex indices, and that file; None without one."""
     if (vts := path.with_suffix(".vts")).is_file():
         sym = path.with_suffix(".sym.vts")
         symmetric = _read_vts(sym, mesh) if sym.is_file() else None
         return Correspondence.from_template(_read_vts(vts, mesh), symmetric), vts
     if path.with_suffix(".sym.vts").is_file():
         raise CorrespondenceError(
-            f"{path.with_suffix('.sym.vts')} has no {path.with_suffix('.vts').name} beside it."
+            f"{path.with_suffix('.sym.vts')} has no {path.with_suffix('.vts').name} beside it. Add "
+            "that file, or remove this one."
         )
     for kind in ("vertices", "template", "pairs"):
         stem = path.stem if kind == "pairs" else f"{path.stem}.{kind}"
@@ -382,20 +399,20 @@ def _find_correspondence(path: Path, mesh: Mesh) -> tuple[Correspondence | None,
 
 
 def _missing_or_odd(paths: list[Path], read: list[_Read]) -> dict[int, str]:
-    """Return, by index, which meshes have no file beside them, or one that does not go with others.
+    """Return, by index, faults of the correspondence files of meshes.
 
-    That is landmarks by name where the first mesh has points by number, or a .vts file of another
-    length.
+    A mesh has no file, it has named landmarks but the first mesh numbered points or the reverse,
+    or its .vts file has another length.
     """
     sound = [i for i, one in enumerate(read) if isinstance(one.mesh, Mesh)]
     missing = [paths[i].stem for i in sound if read[i].truth is None]
     faults = {
-        i: f"{paths[i].parent} has correspondence files for some meshes, but none for {missing}; "
-        "add them, or choose meshes with `pattern`."
+        i: f"{paths[i].parent} has correspondence files for some meshes, but none for {missing}. "
+        "Add them, or select meshes with `pattern`."
         for i in sound
         if read[i].truth is None
     }
-    by = ("points by number", "landmarks by name")
+    by = ("numbered points", "named landmarks")
     for i in sound:
         by_name = read[i].landmarks is not None
         if i not in faults and (fault := _no_common_name(read[i], read[0])):
@@ -403,8 +420,8 @@ def _missing_or_odd(paths: list[Path], read: list[_Read]) -> dict[int, str]:
         if i not in faults and by_name != (read[0].landmarks is not None):
             faults[i] = (
                 f"{paths[i].stem!r} has {by[by_name]} ({read[i].source}), but {paths[0].stem!r} "
-                f"has {by[not by_name]} ({read[0].source}), so it cannot be known which "
-                "correspond. Give all meshes files of one kind."
+                f"has {by[not by_name]} ({read[0].source}), so it is not known which correspond. "
+                "Give all meshes files of the same kind."
             )
     lengths = {i: _vts_lengths(paths[i]) for i in sound}
     every = [length for own in lengths.values() for length in own.values()]
@@ -413,22 +430,22 @@ def _missing_or_odd(paths: list[Path], read: list[_Read]) -> dict[int, str]:
         odd = {name: length for name, length in own.items() if length != usual}
         if odd:
             faults[i] = (
-                f".vts files must all have one line per template point, {usual} here; these "
-                f"differ: {odd}. Write NA, or leave the line empty, where a shape lacks a point."
+                f".vts files must have one line per template point, {usual} here; these differ: "
+                f"{odd}. Write NA, or leave the line empty, for points that a shape lacks."
             )
     return faults
 
 
 def _no_common_name(one: _Read, first: _Read) -> str:
-    """Return what is wrong where two meshes have landmarks, but none of one name."""
+    """Return a message if two meshes have landmarks but none with the same name; else nothing."""
     if one.landmarks is None or first.landmarks is None:
         return ""
     if set(one.landmarks.names) & set(first.landmarks.names):
         return ""
     has, wanted = (", ".join(marks.names[:_MOST]) for marks in (one.landmarks, first.landmarks))
     return (
-        f"{one.mesh.name!r} has no landmark of the same name as {first.mesh.name!r}: {has} against "
-        f"{wanted}. Name those that correspond alike."
+        f"{one.mesh.name!r} and {first.mesh.name!r} have no landmark name in common: {has} against "
+        f"{wanted}. Give corresponding landmarks the same name."
     )
 
 
@@ -439,29 +456,29 @@ def _vts_lengths(path: Path) -> dict[str, int]:
 
 
 def _read_vts(path: Path, mesh: Mesh) -> IntArray:
-    """Return the vertex of each template point, -1 where it is unknown."""
+    """Return the vertex of each template point; -1 where it is unknown."""
     indices, known = _read_column(path)
     if indices[known].min() == 0:
         raise CorrespondenceError(
-            f"{path} holds 0, but .vts files hold vertices counted from 1 up to "
-            f"{mesh.n_vertices}. If it counts from 0, name it "
+            f"{path} contains 0, but vertices in .vts files are counted from 1, here up to "
+            f"{mesh.n_vertices}. If it counts from 0, rename it to "
             f"{path.name.split('.')[0]}.template.txt, or add 1 to every line."
         )
     low, high = int(indices[known].min()), int(indices[known].max())
     if low < 1 or high > mesh.n_vertices:
         raise CorrespondenceError(
-            f"{path} must hold one vertex per line, counted from 1 up to {mesh.n_vertices}; got "
-            f"{low} to {high}. Where a shape lacks a point, write NA, or leave the line empty."
+            f"{path} must contain one vertex per line, counted from 1 up to {mesh.n_vertices}; got "
+            f"{low} to {high}. Write NA, or leave the line empty, for points that a shape lacks."
         )
     return np.where(known, indices - 1, -1)
 
 
 def _read_column(path: Path) -> tuple[IntArray, BoolArray]:
-    """Return one whole number per line, and which are known; -1 stands where none is."""
+    """Return one integer per line, -1 if it is unknown, and a mask of those that are known."""
     values: Array = read_column(path) if path.suffix != ".npy" else _read_numbers(path)
     known = np.isfinite(values) if values.dtype.kind == "f" else np.ones(values.shape, dtype=bool)
     if not known.any():
-        raise CorrespondenceError(f"{path} holds no number: every point of it is missing.")
+        raise CorrespondenceError(f"{path} holds no numbers: all its points are missing.")
     return _as_integers(np.where(known, values, -1), path), known
 
 
@@ -483,12 +500,12 @@ def _read_numbers(path: Path) -> Array:
     except Exception as error:
         said = str(error).rstrip(".")
         raise CorrespondenceError(
-            f"{path} cannot be read as numbers, which stand between blanks, without a head line: "
+            f"{path} cannot be read as numbers separated by blanks, without a header line: "
             f"{type(error).__name__}: {said}."
         ) from error
     if not isinstance(values, np.ndarray):
         raise CorrespondenceError(
-            f"{path} holds an archive of arrays (.npz); save the one array that is meant."
+            f"{path} is an archive of arrays (.npz). Save a single array with numpy.save."
         )
     if values.size == 0:
         raise CorrespondenceError(f"{path} is empty.")
@@ -500,16 +517,16 @@ def _as_integers(values: Array, path: Path) -> IntArray:
         values.dtype.kind not in "iuf"
         or not (np.isfinite(values) & (values == np.round(values))).all()
     ):
-        raise CorrespondenceError(f"{path} must hold whole numbers.")
+        raise CorrespondenceError(f"{path} must contain only whole numbers.")
     if np.abs(values.astype(np.float64)).max() > _LARGEST:
         raise CorrespondenceError(
-            f"{path} holds numbers that no vertex has: {values.min():g} to {values.max():g}."
+            f"{path} contains numbers too large for a vertex: {values.min():g} to {values.max():g}."
         )
     return values.astype(np.int64)
 
 
 def _of_pairs(path: Path, mesh: Mesh) -> Correspondence:
-    """Return the pairs of a file, with those of symmetric answers if these lie beside it."""
+    """Return the pairs of a file, with the symmetric pairs from the file beside it, if any."""
     beside = path.with_name(f"{path.stem}.sym{path.suffix}")
     symmetric = _read_pairs(beside, mesh) if beside.is_file() else None
     return Correspondence(_read_pairs(path, mesh), symmetric)
@@ -534,22 +551,22 @@ def _of_kind(kind: str, values: IntArray, path: Path, mesh: Mesh) -> Corresponde
         return Correspondence.from_template(values)
     if values.shape != (mesh.n_vertices,):
         raise CorrespondenceError(
-            f"{path} must hold one template point for each of {mesh.n_vertices} vertices; got "
-            f"shape {values.shape}."
+            f"{path} must contain one template point for each of the {mesh.n_vertices} vertices; "
+            f"got shape {values.shape}."
         )
     return Correspondence.from_vertices(values)
 
 
-# Share of edges in common from which meshes are numbered alike. Meshes that are not have next to
-# none; quads that were split along their other diagonals leave two thirds.
+# Fraction of common edges above which meshes are taken to have the same vertex order. Unrelated
+# meshes share almost none; quads split along different diagonals share two thirds.
 _ALIKE = 0.5
 
 
 def _not_by_number(read: list[_Read], folder: Path, *, asked: bool) -> dict[int, str]:
-    """Return, by index, which meshes have vertices that do not correspond to the first's by number.
+    """Return, by index, faults of meshes whose vertices do not correspond to the first by number.
 
-    What counts is that the same vertices are joined: faces may begin with another corner, come in
-    another order, or lack here and there. Where it was asked for only the number of vertices does.
+    Meshes are compared by their edges, so that the order of faces and corners does not matter and
+    some faces may be missing. If ``asked`` is True, only the number of vertices is compared.
     """
     first = read[0]
     n_first = first.mesh.n_vertices
@@ -561,27 +578,27 @@ def _not_by_number(read: list[_Read], folder: Path, *, asked: bool) -> dict[int,
         if asked and n_own != n_first:
             faults[i] = (
                 f"by_number=True: {one.mesh.name!r} has {n_own} vertices, but {first.mesh.name!r} "
-                f"has {n_first}. Leave it out, or give the folder files of correspondences."
+                f"has {n_first}. Leave it out, or add correspondence files to the folder."
             )
         elif not asked and (
             n_own != n_first or share_of_common_edges(one.faces, first.faces) < _ALIKE
         ):
             said = f"{one.mesh.name!r} has other faces than {first.mesh.name!r}"
-            # The first says what to do; a folder of fifty need not say it fifty times.
+            # Only the first message explains what to do.
             faults[i] = (
                 f"{said} as well."
                 if faults
-                else f"{folder} has no correspondence files, and {said}, so that vertices do not "
-                "correspond by number. Put a file beside each mesh: NAME.vts, NAME.vertices.txt, "
+                else f"{folder} has no correspondence files, and {said}, so vertices do not "
+                "correspond by number. Add a file for each mesh: NAME.vts, NAME.vertices.txt, "
                 "NAME.template.txt, NAME.txt or landmarks; help(skfmap.datasets.load_collection) "
-                "explains them. If vertices do correspond, give by_number=True (--by-number). New "
-                "meshes, which a trained model is asked about, need no such files."
+                "explains them. If vertices do correspond, use by_number=True (--by-number). New "
+                "meshes, to which a trained model is applied, need no such files."
             )
     return faults
 
 
 def _warn_of_crowds(read: list[_Read], sound: list[int]) -> None:
-    """Name the meshes where one template point stands for far too many vertices, or the reverse."""
+    """Warn of meshes in which one template point stands for too many vertices, or the reverse."""
     told = [
         f"{read[i].mesh.name!r} ({said})"
         for i in sound
@@ -589,7 +606,7 @@ def _warn_of_crowds(read: list[_Read], sound: list[int]) -> None:
     ]
     if told:
         warn(
-            f'In the correspondences of {"; ".join(told)}. Does that number stand for "none"? '
-            "Write -1 then (in .vts files NA): wrong pairs spoil what is learned.",
+            f'Suspicious correspondences: {"; ".join(told)}. If the number stands for "none", '
+            "write -1 instead (NA in .vts files), because wrong pairs spoil the learning.",
             CoverageWarning,
         )

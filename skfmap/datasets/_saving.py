@@ -1,4 +1,4 @@
-"""Collections written to a folder."""
+"""Saving of a collection of shapes to a folder."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -14,7 +14,7 @@ from skfmap.shapes import Correspondence, Landmarks, Mesh
 
 __all__ = ["save_collection"]
 
-# STL has no vertex numbers that correspondences could count on.
+# The vertices of STL files have no fixed order, so correspondences cannot refer to them.
 _SUFFIXES = tuple(suffix for suffix in WRITTEN_SUFFIXES if suffix != ".stl")
 
 
@@ -25,24 +25,24 @@ def save_collection(
     *,
     suffix: str = ".off",
 ) -> list[Path]:
-    """Write meshes and their correspondences to a folder that `load_collection` reads again.
+    """Write meshes and their correspondences to a folder that `load_collection` can read.
 
-    Each mesh becomes ``NAME.off``. Beside it lies ``NAME.txt``, two columns with vertex and
-    template point, and ``NAME.sym.txt`` with symmetric answers where they are known; or
-    ``NAME.csv`` with a line for each landmark, where points have names or were measured between
-    vertices. Measured points without names are called by their number, from 1.
+    Each mesh is written to ``NAME.off``. Its pairs are written to ``NAME.txt``, in two columns for
+    vertex and template point, and its symmetric pairs, if any, to ``NAME.sym.txt``. If points have
+    names, or lie between vertices, landmarks are written to ``NAME.csv`` instead; points without
+    names are named by number, counted from 1.
 
     Parameters
     ----------
     folder : str or Path
-        A folder that is empty or not there yet: what already lies there might be read along.
+        An empty or new folder, because `load_collection` might also read other files in it.
     meshes : sequence of Mesh
-        The shapes, each with a name of its own. `load_collection` takes the first in natural order
-        as the reference; give it ``reference=meshes[0].name`` for the first of these.
+        The shapes, with unique names. `load_collection` takes the first name in natural order as
+        the reference; to use the first of these meshes, pass it ``reference=meshes[0].name``.
     correspondences : sequence of Correspondence
-        Where each lies on the template.
+        Correspondence of each shape with the template.
     suffix : str, default=".off"
-        Format of the meshes: .off, .obj, .ply, .glb, .vtk or .vtp. PLY and GLB hold single
+        Format of the meshes: .off, .obj, .ply, .glb, .vtk or .vtp. PLY and GLB have single
         precision.
 
     Returns
@@ -53,21 +53,21 @@ def save_collection(
     Raises
     ------
     ValueError
-        If a mesh has no name, two have one, a name cannot be that of a file, there are not as many
-        correspondences as meshes, or the suffix is another.
+        If a mesh has no name, two meshes have the same name, a name cannot be used for a file, the
+        numbers of meshes and correspondences differ, or the suffix is not supported.
     CorrespondenceError
-        If files cannot hold a correspondence: one of soft pairs, without any pair, with a symmetric
-        answer for named points, or with several places for one point; or if only some have names.
+        If files cannot represent a correspondence: it has soft pairs, no pairs, symmetric answers
+        for named points, or several places for one point; or if only some of them have names.
     FileExistsError
-        If there is anything in the folder.
+        If the folder is not empty.
     FileNotFoundError
-        If the folder would lie in one that does not exist.
+        If the parent of the folder does not exist.
     TypeError
-        If a mesh is no `Mesh`, or a correspondence no `Correspondence`.
+        If a mesh is not a `Mesh`, or a correspondence is not a `Correspondence`.
 
     See Also
     --------
-    load_collection : Read them again.
+    load_collection : Load a collection from a folder.
 
     Examples
     --------
@@ -87,7 +87,7 @@ def save_collection(
         raise ValueError(f"suffix must be one of {', '.join(_SUFFIXES)}; got {suffix!r}.")
     if len(meshes) != len(correspondences):
         raise ValueError(
-            f"Give a correspondence for each mesh; got {len(meshes)} meshes and "
+            f"Give one correspondence per mesh; got {len(meshes)} meshes and "
             f"{len(correspondences)} correspondences."
         )
     _check_names(meshes)
@@ -95,13 +95,13 @@ def save_collection(
     kept = [_as_kept(mesh, truth) for mesh, truth in pairs]
     if len({isinstance(one, Landmarks) for one in kept}) > 1:
         raise CorrespondenceError(
-            "Some correspondences have points by name or measured points, and others points by "
-            "number, so that files would not say which correspond. Give all of them of one kind."
+            "Some correspondences have named or measured points and others numbered points, so "
+            "files would not tell which correspond. Give all correspondences of the same kind."
         )
     folder = check_folder(folder)
     folder.mkdir(exist_ok=True)
     if any(path.name[0] != "." for path in folder.iterdir()):
-        raise FileExistsError(f"{folder} is not empty; give a folder that is, or a new one.")
+        raise FileExistsError(f"{folder} is not empty; give an empty folder, or a new one.")
     paths = [folder / f"{mesh.name}{suffix}" for mesh in meshes]
     for path, (mesh, truth), one in zip(paths, pairs, kept, strict=True):
         write_mesh(mesh, path)
@@ -114,31 +114,31 @@ def _check_names(meshes: Sequence[Mesh]) -> None:
     for i, mesh in enumerate(meshes):
         if not isinstance(mesh, Mesh):
             raise TypeError(
-                f"meshes[{i}] must be a skfmap.Mesh; got {type(mesh).__name__}. Leave out what was "
-                "skipped, with its correspondence."
+                f"meshes[{i}] must be a skfmap.Mesh; got {type(mesh).__name__}. Leave out skipped "
+                "shapes and their correspondences."
             )
         name = mesh.name
         if not name or file_stem(name) != name or name[0] == ".":
             raise ValueError(
-                f"meshes[{i}] is called {name!r}, which cannot be the name of a file; "
-                f"Mesh(vertices, faces, name='shape{i}') gives another."
+                f"meshes[{i}] is called {name!r}, which cannot be used as the name of a file. Give "
+                f"it another name: Mesh(vertices, faces, name='shape{i}')."
             )
-        if name.casefold() in seen:  # as some systems compare
-            raise ValueError(f"Two meshes are called {name!r}; give each a name of its own.")
+        if name.casefold() in seen:  # some systems ignore case
+            raise ValueError(f"Two meshes are called {name!r}; give each mesh its own name.")
         seen.add(name.casefold())
 
 
 def _as_kept(mesh: Mesh, truth: Correspondence) -> Landmarks | IntArray:
-    """Return what a file is to hold: landmarks, or pairs; raise where none holds it all."""
+    """Return the landmarks or pairs to write; raise an error if a file cannot represent them."""
     if not isinstance(truth, Correspondence):
-        raise TypeError(f"Correspondences are saved; got {type(truth).__name__}.")
+        raise TypeError(f"correspondences must be Correspondence; got {type(truth).__name__}.")
     who = label(mesh.name)
     if not len(truth.pairs):
-        raise CorrespondenceError(f"{who} has no pairs; leave it out, with its correspondence.")
+        raise CorrespondenceError(f"{who} has no pairs; leave out it and its correspondence.")
     if truth.weights is not None or truth.symmetric_weights is not None:
         raise CorrespondenceError(
-            f"{who} has soft pairs, whose weights no such file holds; keep them by joblib.dump, or "
-            "give the pairs alone: Correspondence(truth.pairs)."
+            f"{who} has soft pairs, whose weights cannot be written to these files. Save them with "
+            "joblib.dump, or give only the pairs: Correspondence(truth.pairs)."
         )
     for each in (truth.pairs, truth.symmetric_pairs):
         if each is not None:
@@ -148,12 +148,13 @@ def _as_kept(mesh: Mesh, truth: Correspondence) -> Landmarks | IntArray:
 
 
 def _as_landmarks(mesh: Mesh, truth: Correspondence) -> Landmarks:
-    """Return points with names, where they were measured, or else where they lie on the mesh."""
+    """Return landmarks at the measured points, or, without those, at their places on the mesh."""
     points = truth.pairs[:, 1]
     if len(np.unique(points)) < len(points) or truth.has_symmetric:
         raise CorrespondenceError(
-            f"{label(mesh.name)} has points by name or between vertices, and several places for "
-            "one of them, or symmetric answers, which no file of landmarks holds."
+            f"{label(mesh.name)} has points with names or between vertices, and several places for "
+            "one of them or symmetric answers, which a landmark file cannot represent. Leave these "
+            "out."
         )
     if truth.coordinates is not None:
         at = truth.coordinates

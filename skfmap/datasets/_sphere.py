@@ -1,4 +1,4 @@
-"""A sphere, for examples and closed forms."""
+"""A sphere, for examples and for tests with closed forms."""
 
 from skfmap._tools.validation import check_number
 from skfmap.geometry.sphere import subdivided_octahedron
@@ -13,12 +13,13 @@ def make_sphere(n_subdivisions: int = 4) -> Mesh:
     Parameters
     ----------
     n_subdivisions : int, default=4
-        4^(n + 1) + 2 vertices: 18, 66, 258, 1,026, 4,098 for 1 to 5.
+        Number of subdivisions n, from 0 to 9. The sphere has 4^(n + 1) + 2 vertices: 18, 66, 258,
+        1,026 and 4,098 for n = 1 to 5.
 
     Returns
     -------
     Mesh
-        Closed, wound outwards.
+        Closed mesh, oriented outwards.
 
     Examples
     --------

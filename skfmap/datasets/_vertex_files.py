@@ -1,4 +1,4 @@
-"""Files of one number per line, where the line says which point the number is of."""
+"""Files with one number per line, in which the line number identifies the point."""
 
 import re
 from pathlib import Path
@@ -11,21 +11,21 @@ from skfmap.io.texts import as_number, is_missing, read_text
 
 __all__ = ["read_column"]
 
-# A line of its own that says that a point is missing.
+# A whole line that marks a missing point.
 _MISSING = re.compile(
     r"#?\s*(missing|unknown|absent|lost|none|null|not (placed|present|visible)|n/?a|#n/a|nan|\?+|"
     r"-+|x)?\s*",
     re.IGNORECASE,
 )
-_SHOWN = 40  # letters of a line that a message quotes
+_SHOWN = 40  # largest number of characters of a line quoted in a message
 
 
 def read_column(path: Path) -> FloatArray:
-    """Return the number on each line, NaN where the line says that there is none.
+    """Return the number on each line, or NaN if the line marks a missing point.
 
-    That is an empty line, ``NA``, ``nan``, or ``# missing``; so that all others keep their place.
-    Empty lines at the end count too, but for the end of the last line itself. Comments may stand at
-    the top, and behind a number.
+    Missing points are marked by an empty line, ``NA``, ``nan`` or ``# missing``, so that all other
+    points keep their line numbers. Empty lines at the end count as well, apart from the final line
+    break. Comments are allowed at the top of the file and after a number.
     """
     lines = read_text(path)
     if lines[-1] == "":
@@ -39,16 +39,16 @@ def read_column(path: Path) -> FloatArray:
             raise CorrespondenceError(f"{path}, line {i}: {_fault(line)}")
         elif i < len(lines) and not lines[i].strip():
             raise CorrespondenceError(
-                f"{path}, line {i + 1} is empty, right behind a comment: is it the line of a "
-                "missing point, or part of the head? Write NA for the first, or remove it."
+                f"{path}, line {i + 1} is empty and follows a comment, so it is ambiguous. Write "
+                "NA if it marks a missing point; otherwise remove it."
             )
     if not np.isfinite(values).any():
-        raise CorrespondenceError(f"{path} holds no number: every point of it is missing.")
+        raise CorrespondenceError(f"{path} holds no numbers: all its points are missing.")
     return np.array(values)
 
 
 def _number(line: str) -> float | None:
-    """Return the number on a line, NaN where it says that there is none; else None."""
+    """Return the number on a line, NaN if it marks a missing point, or None if it is invalid."""
     if _MISSING.fullmatch(line.strip()):
         return np.nan
     cell = line.split("#", maxsplit=1)[0].strip().rstrip(",;").rstrip()
@@ -61,9 +61,11 @@ def _fault(line: str) -> str:
     said = repr(line.strip()[:_SHOWN])
     if line.lstrip().startswith("#"):
         return (
-            f"the comment {said} stands between numbers, and whether it counts as a point cannot "
-            "be told. Write NA, or an empty line, for a missing point; put comments behind numbers."
+            f"the comment {said} is between numbers, so it is ambiguous whether it counts as a "
+            "point. Write NA or leave the line empty for a missing point; put comments after "
+            "numbers."
         )
     return (
-        f"{said} is not one whole number, without a head line. Write NA where a point is missing."
+        f"{said} is not a single whole number. Remove header lines, and write NA for a missing "
+        "point."
     )

@@ -1,6 +1,7 @@
-"""Probe functions: the paper's nine families, an oriented one that tells left from right, and more.
+"""Probe functions: the nine families of the paper, an oriented family, and others.
 
-There are also families for your own functions, and for the coordinates of aligned shapes.
+The oriented family distinguishes left from right. There are also families for your own functions,
+and for the coordinates of aligned shapes.
 """
 
 from skfmap.descriptors.coordinates import Coordinates

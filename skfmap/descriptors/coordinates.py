@@ -1,4 +1,4 @@
-"""Where points lie in space, as probe functions, for collections that are aligned."""
+"""Coordinates as probe functions, for aligned collections."""
 
 import numpy as np
 
@@ -18,25 +18,25 @@ _AXES = ("x", "y", "z")
 class Coordinates(ProbeFamily):
     """Positions and normals, for collections of aligned shapes.
 
-    Positions are relative to the centroid of the surface, on the shape of unit area. Unlike all
-    other families, these functions change when a shape is rotated: use them only if all shapes,
-    including new ones, were aligned before, and if they are so rigid that corresponding points are
-    then close to each other. They are never part of the default.
+    Positions are relative to the centroid of the surface, at unit area. Unlike all other families,
+    these functions change when a shape is rotated. Use them only if all shapes, including new ones,
+    have been aligned, and are so rigid that corresponding points are then close to each other. They
+    are never part of the default.
 
     Parameters
     ----------
     normals : bool, default=True
         Whether unit normals at the vertices, pointing outwards, are probe functions too.
     time : float, default=0.0
-        Time of the heat flow that smooths the functions, at unit area; with 0 they are smoothed
-        only by truncation to the basis.
+        Time of the heat diffusion that smooths the functions, at unit area; with 0 they are only
+        smoothed by truncation to the basis.
 
     Notes
     -----
     Give the family a name that begins with ``coordinates``: the learner's ``on_mirrored="reflect"``
     negates x in families with such a name. It assumes that aligned shapes stay aligned when they
-    are mirrored in the plane x = 0, as if x runs from side to side. Only oriented probes tell
-    whether a new shape is mirrored.
+    are mirrored in the plane x = 0, which holds if x runs from left to right. Only oriented probes
+    can show that a new shape is mirrored.
 
     Examples
     --------
@@ -55,13 +55,13 @@ class Coordinates(ProbeFamily):
         self.time = time
 
     def check_parameters(self) -> None:
-        """Raise for parameters that cannot be used."""
+        """Raise ValueError or TypeError if a parameter is invalid."""
         if not isinstance(self.normals, (bool, np.bool_)):
             raise TypeError(f"normals must be True or False; got {self.normals!r}.")
         check_number(self.time, "time", low=0)
 
     def labels(self) -> list[str]:
-        """Return the names of the axes."""
+        """Return the names of the functions."""
         return [*_AXES, *(f"normal_{axis}" for axis in _AXES if self.normals)]
 
     def coefficients(self, shape: SpectralShape) -> FloatArray:
@@ -70,8 +70,8 @@ class Coordinates(ProbeFamily):
         if self.normals:
             if not shape.oriented:
                 raise MeshError(
-                    f"The faces of {label(shape.name)} cannot be wound consistently, so its "
-                    "normals have no side; mend its non-manifold edges, or use "
+                    f"The faces of {label(shape.name)} cannot be wound consistently, so the "
+                    "direction of its normals is undefined; mend its non-manifold edges, or use "
                     "Coordinates(normals=False)."
                 )
             columns.append(vertex_normals(shape.vertices, shape.mesh.faces))

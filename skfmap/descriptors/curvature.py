@@ -17,12 +17,12 @@ from skfmap.shapes import SpectralShape
 
 __all__ = ["DiffusedCurvature", "MeshSaliency"]
 
-# Percentiles from 50 on would leave nothing between the lower and the upper one.
+# With a percentile of 50 or more nothing would be left between the lower and the upper one.
 _HIGHEST_PERCENTILE = 49
 
 
 class DiffusedCurvature(ProbeFamily):
-    """Gaussian or mean curvature, diffused by heat for several times (section 5.1).
+    """Gaussian or mean curvature, diffused to several times (section 5.1).
 
     Parameters
     ----------
@@ -35,15 +35,15 @@ class DiffusedCurvature(ProbeFamily):
     n_functions : int, default=5
         Number of diffusion times, in geometric progression.
     t_min, t_max : float, default=1e-3, 0.1
-        First and last time on the shape of unit area. Diffusion is exact in the basis: coefficients
-        decay as exp(-t lambda).
+        First and last time, at unit area. Diffusion is exact in the basis: coefficients decay as
+        exp(-t lambda).
     percentile : float, default=2
         The initial function is clipped to its area-weighted percentiles ``percentile`` and ``100 -
         percentile``.
     floor : float, default=1
-        With ``logarithm``: curvature magnitude at unit area below which the logarithm stays flat;
-        about the 1st percentile of the magnitude of Gaussian curvature, and the 5th of mean
-        curvature, on a TOSCA cat.
+        With ``logarithm``, the magnitude of curvature at unit area below which the logarithm is
+        constant. 1 is about the 1st percentile of the magnitude of Gaussian curvature, and the 5th
+        percentile of mean curvature, on a TOSCA cat.
     """
 
     def __init__(
@@ -90,18 +90,19 @@ class DiffusedCurvature(ProbeFamily):
 
 
 class MeshSaliency(ProbeFamily):
-    """Mesh saliency (Lee, Varshney, Jacobs 2005): how mean curvature differs between two scales.
+    """Mesh saliency (Lee, Varshney, Jacobs 2005): differences of mean curvature between two scales.
 
     Parameters
     ----------
     n_functions : int, default=10
         Number of scales sigma, in geometric progression; each compares sigma with 2 sigma.
     sigma_min, sigma_max : float, default=0.025, 0.1
-        Smallest and largest scale in units of sqrt(area), measured along the surface (Lee's
-        fraction of the bounding box depends on the pose). 0.025 is 1.5 mean edges of a mesh of
-        5,000 vertices.
+        Smallest and largest scale in units of sqrt(area), measured along the surface. (The authors
+        use a fraction of the bounding box, which depends on the pose.) 0.025 is the length of 1.5
+        mean edges of a mesh of 5,000 vertices.
     percentile : float, default=2
-        Area-weighted percentiles that the mean curvature is clipped to first.
+        The mean curvature is first clipped to its area-weighted percentiles ``percentile`` and
+        ``100 - percentile``.
     """
 
     def __init__(

@@ -1,4 +1,4 @@
-"""The families of the paper, and those that are the default."""
+"""The families of the paper, and the default families."""
 
 from skfmap.descriptors.curvature import DiffusedCurvature, MeshSaliency
 from skfmap.descriptors.family import ProbeFamily
@@ -9,9 +9,10 @@ __all__ = ["SHORTHANDS", "default_families", "paper_families"]
 
 
 def paper_families(n_functions: int = 5) -> list[tuple[str, ProbeFamily]]:
-    """Return the nine families of section 5.1: ``n_functions`` each, twice as many of saliency.
+    """Return the nine families of section 5.1.
 
-    5 gives the 50 probes of section 5.2, 31 the 310 of section 5.3.
+    Each has ``n_functions`` functions; saliency has twice as many. With 5 these are the 50 probes
+    of section 5.2, with 31 the 310 probes of section 5.3.
     """
     return [
         ("hks", HeatKernelSignature(n_functions)),
@@ -30,7 +31,7 @@ def paper_families(n_functions: int = 5) -> list[tuple[str, ProbeFamily]]:
 
 
 def default_families() -> list[tuple[str, ProbeFamily]]:
-    """Return the paper's nine families and the oriented one."""
+    """Return the nine families of the paper and the oriented one."""
     return [*paper_families(), ("oriented", OrientedProducts())]
 
 

@@ -1,4 +1,4 @@
-"""A family of probe functions: the class to derive from."""
+"""The base class of families of probe functions."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
@@ -17,32 +17,32 @@ __all__ = ["ProbeFamily", "check_range", "check_spectral", "finite_coefficients"
 
 
 class ProbeFamily(StatelessShapeTransformer, BaseEstimator, ABC):
-    """A family of probe functions; derive from it to add your own.
+    """Base class of families of probe functions; derive from it to add your own.
 
-    A family is stateless: its scales are constants for shapes of unit area, so that a probe means
-    the same on every shape. Subclasses store parameters in ``__init__`` and implement
+    A family is stateless: its scales are constants at unit area, so that a probe has the same
+    meaning on every shape. Subclasses store parameters in ``__init__`` and implement
     `check_parameters`, `labels` and `coefficients`.
     """
 
     @abstractmethod
     def check_parameters(self) -> None:
-        """Raise ValueError or TypeError for a parameter that cannot be used."""
+        """Raise ValueError or TypeError if a parameter is invalid."""
 
     @abstractmethod
     def labels(self) -> list[str]:
-        """Return a label for each function of the family, which tells it from the others."""
+        """Return a unique label for each function of the family."""
 
     @abstractmethod
     def coefficients(self, shape: SpectralShape) -> FloatArray:
         """Return the raw coefficients of the functions, shape (n_components, n_functions)."""
 
     def fit(self, X: Sequence[SpectralShape], y: object = None) -> Self:  # noqa: ARG002
-        """Check the parameters; nothing is learned."""
+        """Check the parameters, without learning anything."""
         self.check_parameters()
         return self
 
     def transform(self, X: Sequence[SpectralShape]) -> list[FloatArray]:
-        """Return the coefficients of the functions on each shape; skipped shapes are left out.
+        """Return the coefficients of the functions on each shape, without skipped shapes.
 
         Each array has shape (n_components, n_functions).
         """
@@ -60,7 +60,7 @@ def check_range(
     count: str = "n_functions",
     least: int = 1,
 ) -> None:
-    """Raise unless a count and the ends of a range can be used."""
+    """Raise unless a count and the ends of a range are valid."""
     check_number(n, count, low=least, integer=True)
     check_number(low, low_name, low=0, strict=True)
     check_number(high, high_name, low=0, strict=True)
@@ -73,7 +73,7 @@ def finite_coefficients(family: ProbeFamily, shape: SpectralShape) -> FloatArray
     coefficients = np.asarray(family.coefficients(shape))
     if not np.isfinite(coefficients).all():
         raise ValueError(
-            f"{family!r} gives probe functions with NaN or infinite coefficients on "
+            f"{family!r} returns probe functions with NaN or infinite coefficients on "
             f"{label(shape.name, 'shape')}; check its parameters, and the mesh with check_mesh."
         )
     return coefficients

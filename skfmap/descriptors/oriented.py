@@ -1,4 +1,4 @@
-"""Probe functions that tell left from right."""
+"""Probe functions that distinguish left from right."""
 
 from itertools import combinations
 
@@ -16,21 +16,21 @@ __all__ = ["OrientedProducts"]
 
 
 class OrientedProducts(ProbeFamily):
-    """Products <grad f x grad g, n> of pairs of signatures: they change sign under a reflection.
+    """Products <grad f x grad g, n> of pairs of signatures, which change sign under a reflection.
 
-    The probes of the paper do not change under a shape's left-right symmetry, and so cannot tell
-    left from right. These do, once the faces are wound outwards. As an operator this is the
-    orientation term of Ren et al. 2018.
+    The probes of the paper are invariant under the left-right symmetry of a shape, and therefore
+    cannot tell left from right. Oriented products can, provided that faces are wound outwards. As
+    an operator, such a product is the orientation term of Ren et al. 2018.
 
     Parameters
     ----------
     n_sources : int, default=11
-        Number of signatures that are paired, each with each other: 11 give 55 functions.
+        Number of signatures; every two of them form a product, so 11 give 55 functions.
     sigma : float, default=0.3
         Standard deviation of the wave kernel signatures, in log eigenvalue.
     lambda_min, lambda_max : float, default=5, 400
-        Eigenvalues at unit area that the first and the last energy sit at: below the first of
-        TOSCA's cats (7), and at about their 35th.
+        Eigenvalues of the first and the last energy, at unit area. 5 is below the first eigenvalue
+        of TOSCA's cats (7), and 400 is about their 35th.
     """
 
     def __init__(
@@ -60,7 +60,7 @@ class OrientedProducts(ProbeFamily):
         check_number(self.sigma, "sigma", low=0, strict=True)
 
     def labels(self) -> list[str]:
-        """Return the pairs of energies."""
+        """Return the pairs of energies, as eigenvalues."""
         return [f"lambda={a:.3g}x{b:.3g}" for a, b in combinations(self._energies(), 2)]
 
     def coefficients(self, shape: SpectralShape) -> FloatArray:
@@ -79,10 +79,10 @@ class OrientedProducts(ProbeFamily):
             sources[:, first], sources[:, second], shape.mesh.faces
         )
         coefficients = shape.evecs.T @ integrals
-        # On a surface of revolution all gradients are parallel, and on one with two mirror planes
-        # no low function tells left from right: what is left is rounding, and must not be
-        # normalised. On symmetric ellipsoids rounding stays below 1e-12, and all else above 1e-7;
-        # of TOSCA's cats the largest coefficient of each function is 0.009 and more.
+        # On a surface of revolution all gradients are parallel, and with two mirror planes no low
+        # function distinguishes left from right: the products are rounding errors, which must not
+        # be normalised. On symmetric ellipsoids these are below 1e-12, and all others above 1e-7;
+        # on TOSCA's cats the largest coefficient of each function is 0.009 or more.
         steepness = np.sqrt((sources * np.asarray(shape.stiffness @ sources)).sum(axis=0))
         noise = np.abs(coefficients) <= 1e-8 * steepness[first] * steepness[second]
         return np.asarray(np.where(noise, 0.0, coefficients))

@@ -1,4 +1,4 @@
-"""Probe functions that users write."""
+"""Probe functions that are defined by the user."""
 
 from collections.abc import Callable
 
@@ -15,27 +15,27 @@ __all__ = ["FunctionProbes"]
 
 
 class FunctionProbes(ProbeFamily):
-    """Probe functions that a Python function computes, like FunctionTransformer for tables.
+    """Probe functions computed by a Python function, like FunctionTransformer for tables.
 
     Parameters
     ----------
     function : callable
-        Takes a `SpectralShape` (of unit area: ``vertices``, ``mesh.faces``, ``mass``, ``evals``,
+        Takes a `SpectralShape` (at unit area: ``vertices``, ``mesh.faces``, ``mass``, ``evals``,
         ``evecs``, all of the working mesh) and returns values at its vertices, of shape
         (n_vertices,) or (n_vertices, n_functions). It may also return values at the vertices of the
         given mesh, which `SpectralShape.restrict` takes to the working mesh. Its scales must be
-        constants at unit area, so that a probe means the same on every shape.
+        constants at unit area, so that a probe has the same meaning on every shape.
     n_functions : int, default=1
         Number of functions that it returns.
     kw_args : dict, optional
-        Further arguments of ``function``.
+        Additional keyword arguments of ``function``.
 
     Notes
     -----
     If `DescriptorTransformer` has a ``memory``, results are cached, provided that ``function`` is
-    defined in a module; a lambda or a closure is computed each time, because it cannot be
-    identified. The source of ``function`` is part of the key, and so is that of what it calls in
-    modules that are not installed: if either changes, it is computed again.
+    defined in a module; a lambda or a closure is called each time, because it cannot be identified.
+    The cache key includes the source of ``function``, and of the functions it calls in modules that
+    are not installed: if any of these changes, the values are computed again.
 
     Examples
     --------
@@ -72,7 +72,7 @@ class FunctionProbes(ProbeFamily):
             raise TypeError(f"kw_args must be a dict or None; got {self.kw_args!r}.")
 
     def labels(self) -> list[str]:
-        """Return the name of the function, numbered if there are several."""
+        """Return the name of the function, with a number if there are several."""
         name = getattr(self.function, "__name__", type(self.function).__name__)
         return [name] if self.n_functions == 1 else [f"{name}_{i}" for i in range(self.n_functions)]
 

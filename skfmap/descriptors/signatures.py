@@ -20,8 +20,8 @@ class HeatKernelSignature(ProbeFamily):
     n_functions : int, default=5
         Number of times, in geometric progression.
     t_min, t_max : float, default=0.01, 1.0
-        First and last time on the shape of unit area. The paper leaves them open; 0.01 sees details
-        of about 0.15 sqrt(area), and at 1 only the smoothest functions are left.
+        First and last time, at unit area. The paper does not specify them. A time of 0.01 resolves
+        details of about 0.15 sqrt(area), and at 1 only the smoothest functions remain.
     """
 
     def __init__(self, n_functions: int = 5, *, t_min: float = 0.01, t_max: float = 1.0) -> None:
@@ -55,12 +55,12 @@ class WaveKernelSignature(ProbeFamily):
     n_functions : int, default=5
         Number of energies, in geometric progression.
     sigma : float, default=0.3
-        Standard deviation in log eigenvalue; independent of the number of energies, unlike the
-        authors' rule, which breaks down below 28 of them. The paper has three variances and leaves
-        them open; `paper_families` takes 0.1, 0.3 and 0.6.
+        Standard deviation in log eigenvalue. It does not depend on the number of energies, unlike
+        the authors' rule, which breaks down for fewer than 28 energies. The paper uses three
+        variances without specifying them; `paper_families` uses 0.1, 0.3 and 0.6.
     lambda_min, lambda_max : float, default=5, 400
-        Eigenvalues at unit area that the first and the last energy sit at: below the first of
-        TOSCA's cats (7), and at about their 35th.
+        Eigenvalues of the first and the last energy, at unit area. 5 is below the first eigenvalue
+        of TOSCA's cats (7), and 400 is about their 35th.
     """
 
     def __init__(
@@ -79,7 +79,7 @@ class WaveKernelSignature(ProbeFamily):
     def check_parameters(self) -> None:
         """Raise for parameters that cannot be used."""
         check_range(self.n_functions, self.lambda_min, self.lambda_max, "lambda_min", "lambda_max")
-        # Log eigenvalues are some 0.03 apart near 400: far below, the nearest one alone counts.
+        # Log eigenvalues near 400 are about 0.03 apart: far below this, only the nearest counts.
         check_number(self.sigma, "sigma", low=1e-3)
 
     def labels(self) -> list[str]:

@@ -1,4 +1,4 @@
-"""From spectral shapes to probed shapes."""
+"""The transformer that computes probe functions."""
 
 import hashlib
 from collections.abc import Callable, Sequence
@@ -31,13 +31,13 @@ class DescriptorTransformer(Versioned, StatelessShapeTransformer, _BaseCompositi
     ----------
     families : list of (str, ProbeFamily), {"paper", "paper-310"}, or None
         Named families, as in FeatureUnion; their parameters can be set as ``name__parameter``. None
-        stands for `default_families` (the paper's nine and the oriented one: 105 functions),
-        ``"paper"`` for the paper's nine alone (50 functions), ``"paper-310"`` for the 310 of
-        section 5.3.
+        stands for `default_families` (the nine families of the paper and the oriented one: 105
+        functions), ``"paper"`` for the nine families of the paper (50 functions), and
+        ``"paper-310"`` for the 310 functions of section 5.3.
     on_invalid : {"raise", "skip"}, default="raise"
         What to do with a shape that a family cannot handle, such as a surface without an outside,
-        for which there are no oriented probes. ``"skip"`` puts a `skfmap.shapes.SkippedShape` in
-        its place, with a warning.
+        for which oriented probes are undefined. ``"skip"`` replaces it by a
+        `skfmap.shapes.SkippedShape`, with a warning.
     memory : str or joblib.Memory, optional
         Where results are cached, by mesh content and parameters.
     n_jobs : int, optional
@@ -47,13 +47,13 @@ class DescriptorTransformer(Versioned, StatelessShapeTransformer, _BaseCompositi
 
     See Also
     --------
-    SpectralBasis : The step before.
+    SpectralBasis : The previous step.
     WeightedFunctionalMapLearner : The next step; it centres and normalises the columns.
 
     Notes
     -----
-    Stateless. All scales are constants for shapes of unit area. The name of a family is the
-    category of its functions.
+    This transformer is stateless. All scales are constants at unit area. The name of a family is
+    the category of its functions.
 
     Examples
     --------
@@ -83,19 +83,19 @@ class DescriptorTransformer(Versioned, StatelessShapeTransformer, _BaseCompositi
         self.verbose = verbose
 
     def fit(self, X: Sequence[SpectralShape], y: object = None) -> Self:  # noqa: ARG002
-        """Check the parameters and the shapes; nothing is learned.
+        """Check the parameters and the shapes, without learning anything.
 
         Parameters
         ----------
         X : sequence of SpectralShape
-            From `SpectralBasis`.
+            Shapes from `SpectralBasis`.
         y : ignored
-            For scikit-learn's interface.
+            Present for API consistency by convention.
 
         Returns
         -------
         DescriptorTransformer
-            Itself.
+            The transformer itself.
         """
         self._checked_families()
         check_spectral(X)
@@ -107,17 +107,18 @@ class DescriptorTransformer(Versioned, StatelessShapeTransformer, _BaseCompositi
         Parameters
         ----------
         X : sequence of SpectralShape
-            From `SpectralBasis`.
+            Shapes from `SpectralBasis`.
 
         Returns
         -------
         list of ProbedShape
-            Raw coefficients, in the order of ``X``.
+            Shapes with their raw coefficients, in the order of ``X``.
 
         Raises
         ------
         MeshError
-            If the families have oriented probes and a surface has no consistent winding.
+            If there are oriented probes and a surface has no consistent winding, unless
+            ``on_invalid="skip"``.
         """
         families = self._checked_families()
         given = pick_usable(check_spectral(X))
@@ -142,7 +143,7 @@ class DescriptorTransformer(Versioned, StatelessShapeTransformer, _BaseCompositi
         self,
         input_features: object = None,  # noqa: ARG002
     ) -> npt.NDArray[np.object_]:
-        """Return the names of the probe functions, ``family[label]``, an object array."""
+        """Return the names of the probe functions, ``family[label]``, as an object array."""
         families = self._checked_families()
         return np.array(
             [f"{name}[{text}]" for name, family in families for text in family.labels()],
@@ -156,7 +157,7 @@ class DescriptorTransformer(Versioned, StatelessShapeTransformer, _BaseCompositi
         return np.array([name for name, family in families for _ in family.labels()], dtype=object)
 
     def get_params(self, deep: bool = True) -> dict[str, Any]:
-        """Return the parameters; if ``deep``, those of the families too, as ``name__parameter``."""
+        """Return the parameters; if ``deep``, also those of families, as ``name__parameter``."""
         params: dict[str, Any] = super().get_params(deep=False)
         if deep:
             for name, family in self._resolved():
@@ -167,9 +168,9 @@ class DescriptorTransformer(Versioned, StatelessShapeTransformer, _BaseCompositi
         return params
 
     def set_params(self, **params: object) -> Self:
-        """Set parameters; ``name__parameter`` reaches into a family.
+        """Set parameters; ``name__parameter`` sets a parameter of a family.
 
-        It turns a shorthand into its list of families.
+        Setting one of these replaces a shorthand by its list of families.
         """
         own = {key: params.pop(key) for key in list(params) if key in self.get_params(deep=False)}
         super().set_params(**own)
@@ -184,7 +185,7 @@ class DescriptorTransformer(Versioned, StatelessShapeTransformer, _BaseCompositi
         return self
 
     def _resolved(self) -> list[tuple[str, ProbeFamily]]:
-        """Return the list that ``families`` stands for, or nothing if it is not usable."""
+        """Return the list that ``families`` stands for, or an empty list if it is invalid."""
         if self.families is None:
             return default_families()
         if isinstance(self.families, str):
@@ -229,7 +230,7 @@ def _are_pairs(families: object) -> bool:
 
 
 def _recipe(shape: SpectralShape, families: list[tuple[str, ProbeFamily]]) -> tuple[str, ...]:
-    """Return what the coefficients depend on beside the mesh, the same text in every process."""
+    """Return what the coefficients depend on besides the mesh, as text that is reproducible."""
     parts = [
         f"{name}: {type(family).__name__} {_told(family.get_params())}" for name, family in families
     ]
@@ -254,11 +255,11 @@ def _name_of(function: Callable[..., object]) -> str:
         item for item in code.co_consts if isinstance(item, (int, float, complex, str, tuple))
     ]
     digest = hashlib.sha256(repr((code.co_code, constants, code.co_names)).encode()).hexdigest()
-    return f"{name}-{digest[:8]}"  # 32 bits tell the lambdas of one model apart
+    return f"{name}-{digest[:8]}"  # 32 bits distinguish the lambdas of one model
 
 
 def _codes(family: ProbeFamily) -> list[str | None]:
-    """Return hashes of the code of a family and of its parameters; None where there is none."""
+    """Return hashes of the code of a family and of its parameters; None if one is unknown."""
     functions = [value for value in family.get_params().values() if callable(value)]
     return [code_of(item) for item in (type(family), *functions)]
 

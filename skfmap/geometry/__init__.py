@@ -1,4 +1,4 @@
-"""Kernels on vertices and faces, the only code that calls mesh libraries.
+"""Kernels on vertices and faces; no other code calls mesh libraries.
 
-Kernels trust their input: estimators check it once before.
+Kernels trust their input, which estimators have checked.
 """

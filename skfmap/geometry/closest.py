@@ -1,4 +1,4 @@
-"""The nearest points of a surface in space."""
+"""Nearest points on a surface in space."""
 
 from typing import Any, NamedTuple
 
@@ -11,26 +11,27 @@ from skfmap.geometry.normals import vertex_normals
 
 __all__ = ["ClosestPoints", "NearestPlaces", "NearestPoints", "face_normals", "nearest_places"]
 
-# Share of a triangle's length within which a point of it is on an edge.
+# A point of a triangle is on an edge if it is within this fraction of the edge's length.
 _ON_EDGE = 1e-9
-# Weight of a corner up to which a place is on the opposite edge.
+# A place is on the opposite edge if the weight of a corner is at most this.
 _NO_WEIGHT = 1e-9
 
 
 class NearestPoints(NamedTuple):
-    """Where points are nearest to a surface.
+    """Nearest points on a surface.
 
     Attributes
     ----------
     points : ndarray of shape (n, 3)
-        Of the surface.
+        The nearest points.
     normals : ndarray of shape (n, 3)
-        There, between those of the vertices: of faces that meet where a point is nearest, rounding
-        would choose one. Zero on a face without area.
+        Normals at the nearest points, interpolated from the vertices, because a face normal would
+        depend on rounding where faces meet. Zero on a face without area.
     distances : ndarray of shape (n,)
-        Of the points from them.
+        Distances to the nearest points.
     on_rim : ndarray of bool, shape (n,)
-        Whether they lie on the boundary of an open surface, beyond which nothing was scanned.
+        Whether the nearest points are on the boundary of an open surface, beyond which nothing was
+        scanned.
     """
 
     points: FloatArray
@@ -40,16 +41,16 @@ class NearestPoints(NamedTuple):
 
 
 class NearestPlaces(NamedTuple):
-    """Where on the faces of a surface points are nearest.
+    """Places on the faces of a surface that are nearest to points.
 
     Attributes
     ----------
     corners : ndarray of int, shape (n, 3)
         Vertices of the face.
     weights : ndarray of shape (n, 3)
-        Of the corners: not negative, and 1 together.
+        Weights of the corners, non-negative and summing to 1.
     distances : ndarray of shape (n,)
-        Of the points from there.
+        Distances to the places.
     """
 
     corners: IntArray
@@ -58,7 +59,7 @@ class NearestPlaces(NamedTuple):
 
 
 class ClosestPoints:
-    """A surface that is asked for its nearest points again and again.
+    """A surface prepared for repeated queries of nearest points.
 
     Parameters
     ----------
@@ -108,7 +109,7 @@ class ClosestPoints:
         return np.asarray(normals / np.maximum(np.linalg.norm(normals, axis=1)[:, None], 1e-300))
 
     def _on_rim(self, face: IntArray, nearest: FloatArray) -> BoolArray:
-        """Return which points lie on an edge that only one face has."""
+        """Return which points lie on a boundary edge."""
         on_rim = np.zeros(len(face), dtype=bool)
         at = np.flatnonzero(self._rims[face].any(axis=1))
         corners = self._vertices[self._faces[face[at]]]
@@ -124,19 +125,19 @@ class ClosestPoints:
 
 
 def nearest_places(points: FloatArray, vertices: FloatArray, faces: IntArray) -> NearestPlaces:
-    """Return where points are nearest to the triangles of a mesh.
+    """Return the places on the triangles of a mesh that are nearest to points.
 
     Parameters
     ----------
     points : ndarray of shape (n, 3)
         Finite coordinates.
     vertices, faces : ndarray of shape (n_vertices, 3), ndarray of int, shape (n_faces, 3)
-        The mesh, one sound face of it at least. Faces that are not sound are left alone.
+        The mesh, with at least one sound face. Faces that are not sound are ignored.
 
     Returns
     -------
     NearestPlaces
-        For each point.
+        The place for each point.
 
     Examples
     --------
@@ -161,9 +162,10 @@ def nearest_places(points: FloatArray, vertices: FloatArray, faces: IntArray) ->
 
 
 def _weights_of_corners(points: FloatArray, triangles: FloatArray) -> FloatArray:
-    """Return the weights of corners that give points of triangles, shape (n, 3).
+    """Return the weights of the corners for points on triangles, shape (n, 3).
 
-    Those inside are told by areas. Where a triangle has hardly any, an edge tells better.
+    They are computed from areas, or from positions along an edge where that is more accurate, as on
+    triangles with hardly any area.
     """
     a, b, c = (np.ascontiguousarray(triangles[:, j]) for j in range(3))
     inside = igl.barycentric_coordinates(np.ascontiguousarray(points), a, b, c)
@@ -179,19 +181,19 @@ def _weights_of_corners(points: FloatArray, triangles: FloatArray) -> FloatArray
     weights = np.where(weights > _NO_WEIGHT, weights, 0.0)
     weights /= weights.sum(axis=2, keepdims=True)
     off = np.linalg.norm(np.einsum("tnc,ncd->tnd", weights, triangles) - points, axis=2)
-    off[0] *= 1 - 1e-6  # of equals the first
+    off[0] *= 1 - 1e-6  # the first wins ties
     return np.asarray(weights[off.argmin(axis=0), np.arange(len(points))])
 
 
 def face_normals(vertices: FloatArray, faces: IntArray) -> FloatArray:
-    """Return the unit normals of faces, shape (n_faces, 3); zero where a face has no area."""
+    """Return the unit normals of faces, shape (n_faces, 3); zero for a face without area."""
     corners = vertices[faces]
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     return np.asarray(normals / np.maximum(np.linalg.norm(normals, axis=1)[:, None], 1e-300))
 
 
 def _edges_on_rim(faces: IntArray) -> BoolArray:
-    """Return which edges, from each corner to the next, only one face has; shape (n_faces, 3)."""
+    """Return which edges, from each corner to the next, are on the boundary; (n_faces, 3)."""
     ends = np.sort(np.stack([faces, np.roll(faces, -1, axis=1)], axis=2).reshape(-1, 2), axis=1)
     _, back, counts = np.unique(ends, axis=0, return_inverse=True, return_counts=True)
     return np.asarray((counts[back.ravel()] == 1).reshape(-1, 3))

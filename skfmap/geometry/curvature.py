@@ -11,12 +11,12 @@ __all__ = ["clip_by_area", "gaussian_curvature", "log_magnitude", "mean_curvatur
 
 
 def gaussian_curvature(vertices: FloatArray, faces: IntArray, mass: FloatArray) -> FloatArray:
-    """Return the angle defect over the area of each vertex, shape (n_vertices,).
+    """Return the angle defect divided by the area of each vertex, shape (n_vertices,).
 
-    On the boundary, where there is none, and at faces without area, whose angles are unknown, it is
-    that of the neighbours: a face that is missing at the tip of a limb must not make it flat. By
-    the theorem of Gauss and Bonnet the integral over a sound closed surface is 2 pi times the Euler
-    characteristic.
+    On the boundary, where it is undefined, and at faces without area, whose angles are unknown, it
+    is the mean of the neighbours, so that a missing face at the tip of a limb does not make the tip
+    flat. By the Gauss-Bonnet theorem, the integral over a sound closed surface is 2 pi times the
+    Euler characteristic.
     """
     flat = degenerate_faces(vertices, faces)
     defect = np.asarray(igl.gaussian_curvature(vertices, np.delete(faces, flat, axis=0)))
@@ -28,10 +28,10 @@ def gaussian_curvature(vertices: FloatArray, faces: IntArray, mass: FloatArray) 
 def mean_curvature(
     vertices: FloatArray, faces: IntArray, stiffness: SparseMatrix, mass: FloatArray
 ) -> FloatArray:
-    """Return half the normal part of the Laplacian of the position, shape (n_vertices,).
+    """Return half the normal component of the Laplacian of the position, shape (n_vertices,).
 
-    On the boundary, where there is none, it is that of the neighbours. Positive where the surface
-    is convex (1 / r on a sphere of radius r), given faces wound outwards.
+    On the boundary, where it is undefined, it is the mean of the neighbours. It is positive where
+    the surface is convex (1 / r on a sphere of radius r) if faces are wound outwards.
     """
     laplacian = np.asarray(stiffness @ vertices) / mass[:, None]
     normals = vertex_normals(vertices, faces)
@@ -40,7 +40,7 @@ def mean_curvature(
 
 
 def _from_neighbours(values: FloatArray, unknown: BoolArray, faces: IntArray) -> FloatArray:
-    """Return the values, an unknown one as the mean of its known neighbours, or 0 without any."""
+    """Replace unknown values by the mean of their known neighbours, or by 0 if there are none."""
     if not unknown.any():
         return values
     edges = edges_of(faces)
@@ -55,7 +55,7 @@ def _from_neighbours(values: FloatArray, unknown: BoolArray, faces: IntArray) ->
 def clip_by_area(values: FloatArray, mass: FloatArray, percentile: float) -> FloatArray:
     """Clip a function to its area-weighted percentiles ``percentile`` and ``100 - percentile``.
 
-    Weighting by area keeps a patch of small triangles from deciding what is extreme.
+    Without weights, a region of small triangles would dominate the percentiles.
     """
     order = np.argsort(values, kind="stable")
     below = np.cumsum(mass[order]) - mass[order] / 2
@@ -65,5 +65,5 @@ def clip_by_area(values: FloatArray, mass: FloatArray, percentile: float) -> Flo
 
 
 def log_magnitude(values: FloatArray, floor: float) -> FloatArray:
-    """Return log(max(abs(values), floor)), which is finite where the curvature is nil."""
+    """Return log(max(abs(values), floor)), which is finite where the curvature is zero."""
     return np.log(np.maximum(np.abs(values), floor))

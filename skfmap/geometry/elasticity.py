@@ -1,4 +1,4 @@
-"""Surfaces that bend freely and resist stretching: as rigid as possible."""
+"""As-rigid-as-possible energy of surfaces that bend freely and resist stretching."""
 
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -12,12 +12,15 @@ from skfmap._tools.types import FloatArray, IntArray, SparseMatrix
 
 __all__ = ["ElasticSurface", "nearest_rotations"]
 
-# Cotangents below that are raised to it: edges of obtuse triangles would push instead of pull.
+# Lower bound of the cotangents: with negative ones, edges of obtuse triangles would push instead of
+# pull.
 _LEAST_COTANGENT = 1e-3
-# How much the turn of the whole counts at each vertex: enough to choose where edges leave it open.
+# Weight of the rotation of the whole surface at each vertex; it decides only where edges leave the
+# rotation undetermined.
 _OF_WHOLE = 1e-9
-# Determinant, at unit norm (of rotations it is 0.19), from which Newton's iteration finds the
-# rotation, steps that it never takes then, and the change of entries at which it ends.
+# Newton's iteration is used for matrices whose determinant, at unit norm, is above this (that of
+# rotations is 0.19). It then never takes this many steps, and ends when entries change by less than
+# the last value.
 _LEAST_DETERMINANT, _MOST_STEPS, _ENOUGH = 1e-4, 20, 1e-12
 
 
@@ -25,18 +28,18 @@ _LEAST_DETERMINANT, _MOST_STEPS, _ENOUGH = 1e-4, 20, 1e-12
 class ElasticSurface:
     """The edges of a mesh at rest (Sorkine, Alexa 2007).
 
-    The energy of other coordinates is the weighted sum of squares by which edges differ from those
-    at rest, once these are turned by the rotations at their two ends, averaged. The sum is the same
-    for all turned and shifted surfaces.
+    The energy of other coordinates is the weighted sum of squared differences between their edges
+    and the edges at rest, rotated by the mean of the rotations at their two ends. It does not
+    change when the surface is rotated or translated.
 
     Attributes
     ----------
     edges : ndarray of int, shape (n_edges, 2)
-        Vertices at the ends.
+        Vertices at the two ends of each edge.
     weights : ndarray of shape (n_edges,)
-        Mean cotangents, raised to 0.001 at least.
+        Mean cotangents, at least 0.001.
     vectors : ndarray of shape (n_edges, 3)
-        From the second end to the first, at rest.
+        Vectors from the second end to the first, at rest.
     n_vertices : int
         Number of vertices.
 
@@ -58,21 +61,21 @@ class ElasticSurface:
 
     @classmethod
     def at_rest(cls, vertices: FloatArray, faces: IntArray) -> Self:
-        """Return the surface that is at rest as a mesh stands."""
+        """Return the surface that is at rest in the coordinates of a mesh."""
         laplacian = sp.triu(igl.cotmatrix(vertices, faces), k=1).tocoo()
         edges = np.stack(laplacian.coords, axis=1).astype(np.int64)
         weights = np.maximum(laplacian.data, _LEAST_COTANGENT)
         return cls(edges, weights, vertices[edges[:, 0]] - vertices[edges[:, 1]], len(vertices))
 
     def __getstate__(self) -> dict[str, object]:
-        """Return what makes it, without what can be made again."""
+        """Return the attributes, without cached results."""
         names = ("edges", "weights", "vectors", "n_vertices")
         return {name: getattr(self, name) for name in names}
 
     def with_vectors(self, vectors: FloatArray) -> Self:
         """Return the surface with other edges at rest."""
         other = replace(self, vectors=vectors)
-        # What does not depend on them is not made again.
+        # Results that do not depend on the vectors are kept.
         other.__dict__.update(
             differences=self.differences, ends=self.ends, stiffness=self.stiffness
         )
@@ -80,7 +83,7 @@ class ElasticSurface:
 
     @cached_property
     def differences(self) -> SparseMatrix:
-        """What takes values at vertices to their differences along edges."""
+        """Matrix that takes values at vertices to their differences along edges."""
         n, rows = len(self.edges), np.arange(len(self.edges))
         signs = np.repeat([1.0, -1.0], n)
         shape = (n, self.n_vertices)
@@ -88,12 +91,12 @@ class ElasticSurface:
 
     @cached_property
     def ends(self) -> SparseMatrix:
-        """What sums values over the edges at each vertex, shape (n_vertices, n_edges)."""
+        """Matrix that sums values over the edges at each vertex, shape (n_vertices, n_edges)."""
         return sp.csr_array(abs(self.differences.T))
 
     @cached_property
     def stiffness(self) -> SparseMatrix:
-        """The matrix of the energy for given rotations, shape (n_vertices, n_vertices)."""
+        """Matrix of the energy for given rotations, shape (n_vertices, n_vertices)."""
         return (self.differences.T @ sp.diags_array(self.weights) @ self.differences).tocsc()
 
     def along_edges(self, vertices: FloatArray) -> FloatArray:
@@ -101,10 +104,10 @@ class ElasticSurface:
         return vertices[self.edges[:, 0]] - vertices[self.edges[:, 1]]
 
     def rotations(self, vertices: FloatArray) -> FloatArray:
-        """Return the rotations that take the edges around each vertex best from rest, (n, 3, 3).
+        """Return the rotations that best take the edges around each vertex from rest, (n, 3, 3).
 
-        Where they are on one line or have no length, as where a match puts neighbours on one point,
-        they leave a turn open, and it is that of the whole, which rounding does not change.
+        If these edges are collinear or have no length, as when a match maps neighbours to one
+        point, the rotation is not unique; the rotation of the whole surface then decides.
         """
         weighted = self.weights[:, None] * self.along_edges(vertices)
         products = weighted[:, :, None] * self.vectors[:, None, :]
@@ -114,20 +117,20 @@ class ElasticSurface:
         return nearest_rotations(sums + _OF_WHOLE * size * whole)
 
     def turned(self, rotations: FloatArray) -> FloatArray:
-        """Return the right-hand side that goes with ``stiffness``, shape (n_vertices, 3)."""
+        """Return the right-hand side that belongs to ``stiffness``, shape (n_vertices, 3)."""
         vectors = np.einsum("eab,eb->ea", self._at_edges(rotations), self.vectors)
         return np.asarray(self.differences.T @ (self.weights[:, None] * vectors))
 
     def seen_from_rest(self, vertices: FloatArray) -> FloatArray:
-        """Return the edges of other coordinates turned back, shape (n_edges, 3).
+        """Return the edges of other coordinates, rotated back, shape (n_edges, 3).
 
-        They are those at rest, but for what the surface is stretched and sheared by.
+        They differ from the edges at rest by stretch and shear only.
         """
         turns = self._at_edges(self.rotations(vertices))
         return np.asarray(np.einsum("eba,eb->ea", turns, self.along_edges(vertices)))
 
     def strains(self, vertices: FloatArray) -> FloatArray:
-        """Return by how much edges are longer or shorter than at rest, as absolute logarithms."""
+        """Return the absolute logarithms of the ratios of edge lengths to those at rest."""
         now, before = (
             np.linalg.norm(vectors, axis=1)
             for vectors in (self.along_edges(vertices), self.vectors)
@@ -141,10 +144,11 @@ class ElasticSurface:
 def nearest_rotations(matrices: FloatArray) -> FloatArray:
     """Return the proper rotations nearest to matrices, both of shape (n, 3, 3).
 
-    Those that keep orientation are their polar factors, found by Newton's iteration (Higham 1986)
-    for all at once, in a seventh of the time that singular values take; these tell the others.
+    For matrices that preserve orientation these are the polar factors, found by Newton's iteration
+    (Higham 1986) for all at once, in a seventh of the time of singular value decompositions, which
+    are used for the others.
     """
-    # libigl has this for releases later than the oldest that is allowed.
+    # libigl has such a function only in releases after the oldest one supported.
     by_entry = matrices.reshape(-1, 9).T
     Q = by_entry / np.maximum(np.linalg.norm(by_entry, axis=0), 1e-300)
     upright = _cofactors(Q)[1] > _LEAST_DETERMINANT
@@ -153,7 +157,7 @@ def nearest_rotations(matrices: FloatArray) -> FloatArray:
         if not Q.size or step < _ENOUGH:
             break
         cofactors, determinants = _cofactors(Q)
-        size = np.cbrt(determinants)  # which the steps to come are free of
+        size = np.cbrt(determinants)  # scaling speeds up the convergence
         before, Q = Q, (Q / size + cofactors * (size / determinants)) / 2
         step = float(np.abs(Q - before).max())
     rotations = np.empty(matrices.shape)
@@ -169,7 +173,7 @@ def _by_singular_values(matrices: FloatArray) -> FloatArray:
 
 
 def _cofactors(M: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return cofactors and determinants of matrices whose nine entries, row by row, are rows."""
+    """Return the cofactors and determinants of matrices, given as nine rows of entries."""
     a, b, c, d, e, f, g, h, i = M
     cofactors = np.stack(
         [

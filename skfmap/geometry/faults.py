@@ -1,4 +1,4 @@
-"""What is wrong with the connectivity or the triangles of a mesh."""
+"""Faults in the connectivity and the triangles of a mesh."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -36,11 +36,11 @@ __all__ = [
 ]
 
 
-# Area over squared longest edge (half the height over that edge) of a face that has none.
-# Cotangents of 1e10 leave six of sixteen digits to those that they are added to. TOSCA's cats
-# have 6e-4 and more.
+# A face has no area if the ratio of its area to the squared longest edge (half the height divided
+# by that edge) is at most this. Its cotangents of 1e10 leave six of sixteen digits of the numbers
+# they are added to. The ratio is 6e-4 or more on TOSCA's cats.
 _NO_AREA = 1e-10
-# Triangles are measured so many at a time, for memory's sake.
+# Number of triangles processed at a time, to save memory.
 _CHUNK = 2**16
 
 
@@ -52,11 +52,11 @@ def unreferenced_vertices(faces: IntArray, n_vertices: int) -> IntArray:
 
 
 def share_of_common_edges(faces: IntArray, others: IntArray) -> float:
-    """Return which share of the edges two lists of faces have in common, of the shorter one's.
+    """Return the number of edges common to two lists of faces, as a fraction of the smaller number.
 
     Examples
     --------
-    A square, cut along either diagonal, and cut once more in another order.
+    A square, cut along either diagonal, and the same faces in another order:
 
     >>> import numpy as np
     >>> from skfmap.geometry.faults import share_of_common_edges
@@ -78,14 +78,14 @@ def _edge_numbers(faces: IntArray, base: int) -> IntArray:
 
 
 def repeated_corners(faces: IntArray) -> IntArray:
-    """Return the faces that name one vertex twice."""
+    """Return the faces with a repeated vertex."""
     a, b, c = faces.T
     return np.flatnonzero((a == b) | (b == c) | (c == a))
 
 
 def sound_faces(vertices: FloatArray, faces: IntArray) -> BoolArray:
-    """Return which faces name three different vertices that exist and are finite."""
-    finite = np.append(is_finite(vertices), False)  # the last for whatever does not exist
+    """Return which faces have three different vertices that exist and are finite."""
+    finite = np.append(is_finite(vertices), False)  # the last entry is for invalid indices
     inside = (faces >= 0) & (faces < len(vertices))
     sound = np.asarray(finite[np.where(inside, faces, -1)].all(axis=1))
     sound[repeated_corners(faces)] = False
@@ -93,7 +93,7 @@ def sound_faces(vertices: FloatArray, faces: IntArray) -> BoolArray:
 
 
 def degenerate_faces(vertices: FloatArray, faces: IntArray) -> IntArray:
-    """Return the faces whose area is nil to rounding, against the squared longest edge."""
+    """Return the faces whose area, relative to the squared longest edge, is zero up to rounding."""
     area, longest = area_and_longest_edge(vertices, faces)
     return np.flatnonzero(area <= _NO_AREA * longest)
 
@@ -129,7 +129,7 @@ def nonmanifold_edges(faces: IntArray) -> IntArray:
 
 
 def count_components(faces: IntArray, n_vertices: int) -> int:
-    """Return the number of connected components, isolated vertices included."""
+    """Return the number of connected components, including isolated vertices."""
     return len(np.unique(components(faces, n_vertices)))
 
 
@@ -141,7 +141,7 @@ def is_wound_consistently(faces: IntArray) -> bool:
 
 
 def boundary_vertices(faces: IntArray, n_vertices: int) -> BoolArray:
-    """Return a mask of the vertices on an edge that only one face has."""
+    """Return a mask of the vertices on boundary edges."""
     edges, counts = _count_edges(_undirected(faces))
     mask = np.zeros(n_vertices, dtype=bool)
     mask[edges[counts == 1]] = True
@@ -166,34 +166,34 @@ def _undirected(faces: IntArray) -> IntArray:
 def _count_edges(edges: IntArray) -> tuple[IntArray, IntArray]:
     """Return the different pairs of vertices in order, and how often each occurs."""
     base = int(edges.max(initial=0)) + 1
-    # One number for each pair: sorting numbers is many times faster than sorting rows.
+    # Encode each pair as one number: sorting numbers is many times faster than sorting rows.
     keys, counts = np.unique(edges[:, 0].astype(np.int64) * base + edges[:, 1], return_counts=True)
     return np.stack(np.divmod(keys, base), axis=1), counts
 
 
 def duplicate_faces(faces: IntArray) -> IntArray:
-    """Return the faces whose three vertices an earlier face has already, in whatever order."""
+    """Return the faces with the same three vertices as an earlier face, in any order."""
     a, b, c = faces.astype(np.int64).T
     low, high = np.minimum(np.minimum(a, b), c), np.maximum(np.maximum(a, b), c)
     outer, middle = low * (int(high.max(initial=0)) + 1) + high, a + b + c - low - high
-    order = np.lexsort((middle, outer))  # stable: of equal faces the first comes first
+    order = np.lexsort((middle, outer))  # stable, so equal faces stay in their order
     outer, middle = outer[order], middle[order]
     again = (outer[1:] == outer[:-1]) & (middle[1:] == middle[:-1])
     return np.sort(order[1:][again])
 
 
 def duplicate_vertices(vertices: FloatArray) -> IntArray:
-    """Return the vertices that lie exactly where an earlier one does."""
+    """Return the vertices with the same coordinates as an earlier one."""
     return np.flatnonzero(first_at_place(vertices) != np.arange(len(vertices)))
 
 
 def first_at_place(vertices: FloatArray) -> IntArray:
-    """Return for each vertex the first one with the same coordinates: mostly itself."""
+    """Return for each vertex the first one with the same coordinates, usually itself."""
     first = np.arange(len(vertices))
     by_x = np.argsort(vertices[:, 0], kind="stable")
     x = vertices[by_x, 0]
     same = np.flatnonzero(x[1:] == x[:-1])
-    # Only those that share x with another are compared any further.
+    # Only vertices that share x with another are compared further.
     shared = np.sort(by_x[np.union1d(same, same + 1)])
     order = shared[np.lexsort(vertices[shared].T)]
     new = np.ones(len(order), dtype=bool)
@@ -203,9 +203,10 @@ def first_at_place(vertices: FloatArray) -> IntArray:
 
 
 def slivers(vertices: FloatArray, faces: IntArray, ratio: float = 1e-3) -> IntArray:
-    """Return the faces with an area, but less than ``ratio`` times the squared longest edge.
+    """Return the faces with a positive area of less than ``ratio`` times the squared longest edge.
 
-    By default their height is less than 0.002 of that edge; the thinnest of TOSCA's cats has 0.001.
+    By default their height is less than 0.002 of that edge; the thinnest face of TOSCA's cats has
+    0.001.
     """
     area, longest = area_and_longest_edge(vertices, faces)
     return np.flatnonzero((area > _NO_AREA * longest) & (area < ratio * longest))
@@ -213,26 +214,26 @@ def slivers(vertices: FloatArray, faces: IntArray, ratio: float = 1e-3) -> IntAr
 
 @dataclass(frozen=True)
 class HalfEdges:
-    """The half-edges of faces, by the edges on which they lie.
+    """The half-edges of faces, grouped by edge.
 
-    Half-edge 3 f + j runs from corner j of face f to the next corner; the corner where it starts
+    Half-edge 3 f + j goes from corner j of face f to the next corner; the corner where it starts
     has the same number.
     """
 
     start: IntArray
     """Vertex where each half-edge starts."""
     end: IntArray
-    """Vertex where it ends."""
+    """Vertex where each half-edge ends."""
     order: IntArray
-    """Half-edges, those on one edge together, in the order of their faces."""
+    """Half-edges sorted by edge, and for each edge in the order of their faces."""
     first: IntArray
-    """Where in ``order`` each edge begins."""
+    """Position in ``order`` of the first half-edge of each edge."""
     count: IntArray
-    """How many half-edges lie on each edge."""
+    """Number of half-edges on each edge."""
 
     @cached_property
     def twin(self) -> IntArray:
-        """The other half-edge on each edge with two, else -1."""
+        """The other half-edge if an edge has exactly two, otherwise -1."""
         twin = np.full(len(self.start), -1)
         one = self.first[self.count == 2]
         twin[self.order[one]], twin[self.order[one + 1]] = self.order[one + 1], self.order[one]
@@ -240,18 +241,18 @@ class HalfEdges:
 
     @cached_property
     def pairs(self) -> IntArray:
-        """The half-edges on edges with two, shape (2, n_pairs); in the first row the earlier."""
+        """The half-edges of edges with exactly two, shape (2, n_pairs); the earlier one first."""
         first = self.first[self.count == 2]
         return np.stack([self.order[first], self.order[first + 1]])
 
     def on(self, chosen: BoolArray) -> BoolArray:
-        """Return which half-edges lie on the edges that are chosen."""
+        """Return which half-edges lie on the chosen edges."""
         mask = np.zeros(len(self.start), dtype=bool)
         mask[self.order] = np.repeat(chosen, self.count)
         return mask
 
     def alone(self) -> IntArray:
-        """Return the half-edges on edges that no other has: the boundary."""
+        """Return the half-edges on the boundary, which are alone on their edges."""
         return np.sort(self.order[self.first[self.count == 1]])
 
 
@@ -259,7 +260,7 @@ def half_edges(faces: IntArray) -> HalfEdges:
     """Sort the half-edges of faces by their edges."""
     start, end = faces.ravel(), faces[:, [1, 2, 0]].ravel()
     base = int(faces.max(initial=0)) + 1
-    # One number for each pair: sorting numbers is many times faster than sorting rows.
+    # Encode each pair as one number: sorting numbers is many times faster than sorting rows.
     keys = np.minimum(start, end).astype(np.int64) * base + np.maximum(start, end)
     order = np.argsort(keys, kind="stable")
     keys = keys[order]
@@ -268,7 +269,7 @@ def half_edges(faces: IntArray) -> HalfEdges:
 
 
 def nonmanifold_vertices(faces: IntArray, n_vertices: int) -> IntArray:
-    """Return the vertices whose faces form more than one fan, as where two cones touch."""
+    """Return the vertices whose faces form more than one fan, as at the tips of two cones."""
     edges = half_edges(faces)
     suspects = vertices_of_many_fans(edges, n_vertices)
     if not suspects.any():
@@ -288,19 +289,19 @@ def _first_of_each(labels: IntArray) -> IntArray:
 
 
 def vertices_of_many_fans(edges: HalfEdges, n_vertices: int) -> BoolArray:
-    """Return a mask of vertices that may have more than one fan of faces; few have only one.
+    """Return a mask of vertices that may have more than one fan of faces; most of them do.
 
-    Around each vertex one goes from face to face across edges that two faces share and that are
-    wound alike. Where not all faces are met there may be another fan, or an edge of another kind.
+    The faces around each vertex are traversed across edges that two consistently wound faces share.
+    If not all faces are reached there may be another fan, or an edge of another kind.
     """
     start = edges.start
-    twin = np.where(edges.end == start[edges.twin], edges.twin, -1)  # for -1 this is -1 anyway
+    twin = np.where(edges.end == start[edges.twin], edges.twin, -1)  # -1 stays -1
     n_corners = len(start)
     corner = np.arange(n_corners)
     after = twin[corner - corner % 3 + (corner + 2) % 3]
     first = np.full(n_vertices, -1)
     first[start] = corner
-    rim = np.flatnonzero(twin < 0)  # nothing lies before these, so that the way begins there
+    rim = np.flatnonzero(twin < 0)  # no face precedes these, so the traversal starts there
     first[start[rim]] = rim
     walker = first[first >= 0]
     vertex = start[walker]
@@ -317,16 +318,16 @@ def vertices_of_many_fans(edges: HalfEdges, n_vertices: int) -> BoolArray:
 def label_fans(
     edges: HalfEdges, pairs: IntArray, parallel: BoolArray, at: BoolArray
 ) -> tuple[IntArray, IntArray]:
-    """Say which corners are joined by pairs of half-edges that are glued to each other.
+    """Label the fans of corners that are joined by pairs of glued half-edges.
 
     Parameters
     ----------
     edges : HalfEdges
         The half-edges.
     pairs : ndarray of int, shape (2, n_pairs)
-        Half-edges that are glued.
+        Pairs of half-edges that are glued to each other.
     parallel : ndarray of bool, shape (n_pairs,)
-        Whether they start at the same place; otherwise each starts where the other ends.
+        Whether the two start at the same place; otherwise each starts where the other ends.
     at : ndarray of bool, shape (n_vertices,)
         The vertices of interest.
 
@@ -335,7 +336,7 @@ def label_fans(
     corners : ndarray of int, shape (n_corners,)
         The corners at these vertices.
     fan : ndarray of int, shape (n_corners,)
-        Number of the fan of each.
+        Label of the fan of each corner.
     """
     corners, links, _ = corner_links(edges, pairs, parallel, at)
     n = len(corners)
@@ -348,21 +349,21 @@ def label_fans(
 def corner_links(
     edges: HalfEdges, pairs: IntArray, parallel: BoolArray, at: BoolArray
 ) -> tuple[IntArray, IntArray, IntArray]:
-    """Say which corners meet at the two ends of pairs of half-edges that are glued to each other.
+    """Return which corners meet at the two ends of pairs of glued half-edges.
 
     Parameters
     ----------
     edges, pairs, parallel, at
-        As `label_fans` takes them.
+        As in `label_fans`.
 
     Returns
     -------
     corners : ndarray of int, shape (n_corners,)
         The corners at these vertices.
     links : ndarray of int, shape (2, n_links)
-        Places in ``corners`` of those that meet.
+        Positions in ``corners`` of two corners that meet.
     pair : ndarray of int, shape (n_links,)
-        The pair where they do.
+        The pair of half-edges at which they meet.
     """
     corners = np.flatnonzero(at[edges.start])
     number = np.full(len(edges.start), -1)
@@ -383,7 +384,7 @@ def corner_links(
 
 
 def components(faces: IntArray, n_vertices: int) -> IntArray:
-    """Return the component of each vertex as a number; isolated vertices have their own."""
+    """Return the label of the component of each vertex; isolated vertices have their own."""
     # Two edges of a triangle connect its three vertices.
     edges = np.concatenate([faces[:, :2], faces[:, 1:]]).astype(np.int32)
     links = sp.coo_array(
@@ -396,8 +397,7 @@ def components(faces: IntArray, n_vertices: int) -> IntArray:
 def boundary_pieces(faces: IntArray) -> list[IntArray]:
     """Return the connected pieces of the boundary: holes, or the rim of an open surface.
 
-    Each is an array of shape (n_edges, 2) of the edges that only one face has, running as they do
-    in that face.
+    Each is an array of boundary edges, shape (n_edges, 2), directed as in their face.
     """
     edges = half_edges(faces)
     alone = edges.alone()

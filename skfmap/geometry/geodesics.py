@@ -1,4 +1,4 @@
-"""Geodesic distances on a mesh, and what is chosen by them."""
+"""Geodesic distances on a mesh, and selections based on them."""
 
 from collections.abc import Callable
 
@@ -28,11 +28,11 @@ def heat_distances(
 ) -> FloatArray:
     """Return heat-method distances, shape (n_sources, n_vertices).
 
-    Crane, Weischedel, Wardetzky 2013. They are kept between the straight line and the shortest path
-    along edges, which bound the exact distance: near its source the heat method alone reads up to
-    10 % low. About 3 ms per source at 5,000 vertices. On a TOSCA cat the disagreement with exact
-    distances is 1.4 % of the mean distance; below 0.1 sqrt(area) it is 1 to 2.5 %, 1 % low on
-    average. ``edge_paths`` are the distances along edges, where they are known.
+    See Crane, Weischedel, Wardetzky 2013. Distances are clipped between the straight line and the
+    shortest path along edges, which bound the exact distance: near a source, the heat method alone
+    is up to 10 % too short. It takes about 3 ms per source for 5,000 vertices. On a TOSCA cat the
+    difference from exact distances is 1.4 % of the mean distance; below 0.1 sqrt(area) it is 1 to
+    2.5 %, on average 1 % too short. ``edge_paths`` are the distances along edges, if known.
     """
     solver = pp3d.MeshHeatMethodDistanceSolver(vertices, faces)
     heat = np.stack([solver.compute_distance(int(source)) for source in sources])
@@ -44,7 +44,7 @@ def heat_distances(
 def exact_distances(vertices: FloatArray, faces: IntArray, sources: IntArray) -> FloatArray:
     """Return exact polyhedral distances (libigl), shape (n_sources, n_vertices).
 
-    They take 0.4 s per source at 5,000 vertices.
+    This takes 0.4 s per source for 5,000 vertices.
     """
     targets, none = np.arange(len(vertices)), np.empty(0, dtype=np.int64)
     rows = [
@@ -70,10 +70,10 @@ DISTANCES: dict[str, Callable[..., FloatArray]] = {
 
 
 def edge_graph(vertices: FloatArray, faces: IntArray) -> SparseMatrix:
-    """Return the edges with their lengths, a sparse array with each edge once."""
+    """Return edge lengths as a sparse array that contains each edge once."""
     edges = edges_of(faces)
     lengths = np.linalg.norm(vertices[edges[:, 0]] - vertices[edges[:, 1]], axis=1)
-    # Older versions of scipy's graph routines take 32-bit indices only.
+    # Graph routines of older scipy versions only accept 32-bit indices.
     ends = edges.astype(np.int32)
     return sp.coo_array((lengths, (ends[:, 0], ends[:, 1])), shape=(len(vertices),) * 2).tocsr()
 
@@ -87,7 +87,7 @@ def mean_edge_length(vertices: FloatArray, faces: IntArray) -> float:
 def areas_of_landmarks(
     vertices: FloatArray, faces: IntArray, mass: FloatArray, landmarks: IntArray
 ) -> FloatArray:
-    """Return the area that each landmark stands for: that of the vertices nearest to it.
+    """Return the area that each landmark represents: the area of the vertices nearest to it.
 
     Distances are lengths of shortest paths along edges.
 
@@ -103,7 +103,7 @@ def areas_of_landmarks(
     Returns
     -------
     areas : ndarray of shape (n_landmarks,)
-        They sum to the mass of all vertices that a landmark can reach.
+        Areas; they sum to the mass of all vertices that are connected to a landmark.
     """
     graph = edge_graph(vertices, faces)
     reached, _, nearest = dijkstra(
@@ -120,8 +120,8 @@ def farthest_vertices(
 ) -> tuple[IntArray, FloatArray]:
     """Choose well-spread vertices: each is the candidate farthest from those before it.
 
-    Distances run along edges; the first candidate begins. Of candidates that are equally far up to
-    rounding, the first is chosen.
+    The first candidate is chosen first. Distances are along edges. Of candidates that are equally
+    far up to rounding, the first is chosen.
 
     Returns
     -------
@@ -130,7 +130,7 @@ def farthest_vertices(
     distances : ndarray of shape (n, n_vertices)
         Lengths of shortest paths along edges from each of them.
     """
-    # With each edge in both directions, so that it need not be turned for every search.
+    # Store each edge in both directions, so that scipy does not symmetrise for every search.
     graph = edge_graph(vertices, faces)
     graph = graph + graph.T
     chosen = [int(candidates[0])]

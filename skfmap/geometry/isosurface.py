@@ -1,4 +1,4 @@
-"""Triangulation of implicit surfaces: libigl's marching cubes and edge collapse."""
+"""Triangulation of implicit surfaces with libigl's marching cubes and edge collapse."""
 
 import igl
 import numpy as np
@@ -9,19 +9,19 @@ __all__ = ["decimate", "marching_cubes"]
 
 
 def marching_cubes(values: FloatArray, points: FloatArray) -> tuple[FloatArray, IntArray]:
-    """Triangulate the zero level of a function that is known on a grid.
+    """Triangulate the zero level set of a function given on a grid.
 
     Parameters
     ----------
     values : ndarray of shape (nx, ny, nz)
-        The function on the grid: negative inside, positive outside.
+        Values on the grid, negative inside and positive outside.
     points : ndarray of shape (nx, ny, nz, 3)
-        Where the grid's corners are. The grid may be rotated, but not mirrored.
+        Coordinates of the grid points. The grid may be rotated, but not mirrored.
 
     Returns
     -------
     vertices : ndarray of shape (n_vertices, 3)
-        Points where the edges of the grid cross the level, in the units of ``points``.
+        Points where edges of the grid cross the level set, in the units of ``points``.
     faces : ndarray of int, shape (n_faces, 3)
         Triangles, wound with their normals towards positive values.
 
@@ -42,7 +42,7 @@ def marching_cubes(values: FloatArray, points: FloatArray) -> tuple[FloatArray, 
 
 
 def decimate(vertices: FloatArray, faces: IntArray, n_vertices: int) -> tuple[FloatArray, IntArray]:
-    """Collapse the shortest edges of a closed surface of genus 0 until few vertices are left.
+    """Collapse the shortest edges of a closed surface of genus 0 to reduce its vertices.
 
     Parameters
     ----------
@@ -51,12 +51,12 @@ def decimate(vertices: FloatArray, faces: IntArray, n_vertices: int) -> tuple[Fl
     faces : ndarray of int, shape (n_faces, 3)
         Triangles of a closed, manifold surface of genus 0.
     n_vertices : int
-        How many vertices to leave; at least 4.
+        Number of vertices to keep, at least 4.
 
     Returns
     -------
     vertices : ndarray of shape (n_vertices, 3)
-        Coordinates; more than asked for where no further edge can be collapsed.
+        Coordinates; there are more than ``n_vertices`` if no further edge can be collapsed.
     faces : ndarray of int, shape (2 * n_vertices - 4, 3)
         Triangles.
 

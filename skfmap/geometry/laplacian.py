@@ -23,9 +23,9 @@ def cotangent_laplacian(vertices: FloatArray, faces: IntArray) -> tuple[SparseMa
     Returns
     -------
     stiffness : sparse array of shape (n_vertices, n_vertices)
-        Positive semi-definite (libigl's own is negative), free of units.
+        Positive semi-definite stiffness matrix (libigl's is negative), without units.
     mass : ndarray of shape (n_vertices,)
-        A third of the area of the triangles at each vertex; sums to the area.
+        A third of the area of the triangles at each vertex; the sum is the area.
 
     Examples
     --------
@@ -48,8 +48,8 @@ def cotangent_laplacian(vertices: FloatArray, faces: IntArray) -> tuple[SparseMa
 def robust_mesh_laplacian(vertices: FloatArray, faces: IntArray) -> tuple[SparseMatrix, FloatArray]:
     """Return the tufted intrinsic Delaunay Laplacian and its lumped mass matrix.
 
-    Sharp and Crane 2020. For non-manifold and badly shaped meshes; same arguments and results as
-    `cotangent_laplacian`.
+    See Sharp and Crane 2020. It is intended for non-manifold and badly shaped meshes, and has the
+    same arguments and results as `cotangent_laplacian`.
     """
     stiffness, mass = robust_laplacian.mesh_laplacian(vertices, faces)
     return sp.csc_array(stiffness), np.asarray(mass.diagonal())

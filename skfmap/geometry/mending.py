@@ -1,4 +1,4 @@
-"""Mends surfaces: seams, edges with too many faces, faces without area, twisted spots, debris."""
+"""Mending of seams, edges with too many faces, faces without area, twists and debris."""
 
 from dataclasses import dataclass, field
 from typing import NamedTuple
@@ -27,27 +27,27 @@ from skfmap.geometry.orientation import against_the_rest
 
 __all__ = ["Mended", "mend"]
 
-# Vertices of a crack are one if they are no farther from each other than this share of the extent:
-# what four digits in a file leave of equal coordinates ...
+# Vertices along a crack are merged if their distance is at most this fraction of the extent (the
+# rounding error of coordinates with four digits in a file) ...
 _CRACK = 1e-4
-# ... and than this share of the edges there, so that small triangles are never merged.
+# ... and at most this fraction of the edges there, so that small triangles never collapse.
 _CRACK_OF_EDGE = 1e-2
-# Edges of a rim that are joined no more, but whose ends are that near to those of another one, as a
-# share of the edges there, and so many of them, are a seam that is still open.
+# An open seam consists of at least this many pairs of boundary edges that are too far apart to be
+# joined, but whose ends are within this fraction of the edge lengths there.
 _OPEN_OF_EDGE, _OPEN_SEAM = 0.2, 4
-# A face without area is a needle, whose two vertices are merged, where its shortest edge is no
-# longer than this share of its longest; else a cap, whose longest edge is flipped.
+# A face without area is a needle if its shortest edge is at most this fraction of its longest; two
+# of its vertices are then merged. Otherwise it is a cap, whose longest edge is flipped.
 _NEEDLE = 1e-6
-# Faces that lie on each other, to within half a degree, do not continue each other.
+# Faces that fold onto each other to within half a degree do not continue each other.
 _FOLDED = np.cos(np.radians(0.5))
-# Of so many faces at one edge, no pair is looked for among more.
+# Maximum number of faces at one edge among which pairs are searched.
 _CROWD = 32
-# Faces with this share of the area, at most, are left out to have the rest wound consistently, and
-# a patch with a rim that has no more is a fin.
+# At most this fraction of the area is left out to obtain a consistent winding. A patch with a
+# boundary and at most this fraction of the area is a fin.
 _FEW = 0.01
-# Conflicts that touch more vertices than this are no spot.
+# Conflicts that touch more vertices than this are not a local twist.
 _MOST_ENDS = 2000
-# Each step can leave work for an earlier one, but hardly ever more than two or three times.
+# Each step can create work for an earlier one, but hardly ever more than two or three times.
 _ROUNDS = 20
 
 
@@ -58,16 +58,16 @@ class Mended:
     Attributes
     ----------
     vertices : ndarray of shape (n_vertices, 3)
-        Those that were given and are used, in their order, then copies of some of them.
+        The given vertices that are used, in their order, followed by copies of some of them.
     faces : ndarray of int, shape (n_faces, 3)
-        At most two at an edge, one fan at a vertex, one component.
+        Faces of one component, with at most two at each edge and one fan at each vertex.
     vertex_map : ndarray of int, shape (n_given,)
-        The vertex at which each given one is found, -1 for those that were left out. Of copies, the
-        one whose faces have most area.
+        The new index of each given vertex; -1 if it was left out. If there are copies, it is the
+        one whose faces have the largest area.
     tally : dict of str to float
-        How often each thing was done; what never was is not there.
+        Count of each kind of change; kinds that did not occur are absent.
     edges : HalfEdges or None
-        The half-edges of the faces, where they are known already.
+        The half-edges of the faces, if already known.
     """
 
     vertices: FloatArray
@@ -78,7 +78,7 @@ class Mended:
 
 
 class _Surface(NamedTuple):
-    """Vertices, faces, and the vertex that each corner of a face had at first, or -1."""
+    """Vertices, faces, and the given vertex at each corner of a face, or -1."""
 
     vertices: FloatArray
     faces: IntArray
@@ -92,21 +92,21 @@ class _Surface(NamedTuple):
 
 
 def mend(vertices: FloatArray, faces: IntArray) -> Mended:
-    """Make one piece of manifold surface of triangles that hardly are one.
+    """Turn triangles into one connected, manifold surface.
 
-    In this order, and again until nothing is left to do:
+    These steps are repeated, in this order, until there is nothing left to do:
 
     - Faces are wound like their neighbours.
-    - Of faces with the same vertices and the same winding the first is kept.
-    - Faces without area are left out where two of their vertices lie at one place, and the gap is
-      closed; otherwise their longest edge is flipped.
-    - Faces are glued in pairs: at an edge with more than two faces those that continue each other
-      best, and the others are cut free; at the rim, those whose edges lie at one place. Two corners
-      are one vertex if one gets from one to the other across edges that are glued: so seams and
-      cracks close, and what touched in a point or along an edge comes apart.
-    - Where a patch has no consistent winding, the few faces across which it conflicts are left out.
+    - Of faces with the same vertices and the same winding, the first is kept.
+    - A face without area is left out if two of its vertices coincide, and the gap is closed;
+      otherwise its longest edge is flipped.
+    - Faces are glued in pairs. At an edge with more than two faces, those that form the smoothest
+      surface are glued, and the others are cut free; at the boundary, faces whose edges coincide
+      are glued. Two corners belong to the same vertex if they are connected across glued edges.
+      This closes seams and cracks, and separates parts that touch at a point or along an edge.
+    - If a patch has no consistent winding, the few faces in conflict are left out.
 
-    Then the piece of most area is kept.
+    Finally the component with the largest area is kept.
 
     Parameters
     ----------
@@ -118,11 +118,11 @@ def mend(vertices: FloatArray, faces: IntArray) -> Mended:
     Returns
     -------
     Mended
-        The surface and what was done; no faces if there were none.
+        The surface and the changes; it has no faces if none were sound.
 
     Examples
     --------
-    Two halves of a square, each with vertices of its own.
+    Two halves of a square, each with its own vertices:
 
     >>> import numpy as np
     >>> from skfmap.geometry.mending import mend
@@ -162,7 +162,7 @@ def _count(tally: dict[str, float], what: str, n: float) -> None:
 
 
 def _round(surface: _Surface, tally: dict[str, float]) -> tuple[_Surface, HalfEdges]:
-    """Return the surface after each step, the same one if none did anything."""
+    """Return the surface after one round of all steps; the same object if nothing changed."""
     edges = half_edges(surface.faces)
     for step in (_wind, _drop_twice, _mend_flat, _glue, _part_beyond_two, _untwist):
         after = step(surface, edges, tally)
@@ -185,12 +185,13 @@ def _wind(surface: _Surface, edges: HalfEdges, tally: dict[str, float]) -> _Surf
 
 
 def _drop_twice(surface: _Surface, edges: HalfEdges, tally: dict[str, float]) -> _Surface:
-    """Drop faces that stand there twice.
+    """Drop duplicate faces.
 
-    Wound against each other at crowded edges they are the two sides of a wall without thickness.
+    Duplicates with opposite windings at crowded edges are kept: they are the two sides of a wall
+    without thickness.
     """
     faces = surface.faces
-    # All three edges of such a face have another face; only these are looked at.
+    # All three edges of a duplicate have another face; only such faces are considered.
     crowded = edges.on(edges.count > 2).reshape(-1, 3).all(axis=1)
     a, b, c = (edges.twin.reshape(-1, 3) // 3).T
     suspects = np.flatnonzero(crowded | ((a >= 0) & (a == b) & (b == c)))
@@ -198,7 +199,7 @@ def _drop_twice(surface: _Surface, edges: HalfEdges, tally: dict[str, float]) ->
         return surface
     few = faces[suspects]
     a, b, c = few.T
-    odd = np.asarray((a > b) ^ (b > c) ^ (c > a))  # the same for all that turn the same way round
+    odd = np.asarray((a > b) ^ (b > c) ^ (c > a))  # equal for faces with the same winding
     kept = np.ones(len(faces), dtype=bool)
     for winding in (odd, ~odd):
         one = suspects[winding]
@@ -221,12 +222,12 @@ def _mend_flat(
     edges: HalfEdges,  # noqa: ARG001
     tally: dict[str, float],
 ) -> _Surface:
-    """Drop needles, whose gap is then closed as a crack is; flip the longest edges of caps."""
+    """Drop needles, whose gaps are later closed like cracks; flip the longest edges of caps."""
     flat = degenerate_faces(surface.vertices, surface.faces)
     if len(flat) == 0:
         return surface
     _count(tally, "flat faces", len(flat))
-    # Whatever has an edge with one of these faces has two vertices with it.
+    # A face that shares an edge with one of these shares two vertices with it.
     touched = np.zeros(len(surface.vertices), dtype=bool)
     touched[surface.faces[flat].ravel()] = True
     near = np.flatnonzero(touched[surface.faces].sum(axis=1) >= 2)
@@ -248,7 +249,7 @@ def _put(array: IntArray, where: IntArray, values: IntArray) -> IntArray:
 
 
 def _flip_caps(vertices: FloatArray, faces: IntArray, origin: IntArray) -> int:
-    """Flip the longest edges of caps in place, where the face beyond has an area."""
+    """Flip the longest edges of caps in place, if the face on the other side has an area."""
     flat = degenerate_faces(vertices, faces)
     corners = vertices[faces[flat]]
     lengths = np.linalg.norm(np.roll(corners, -1, axis=1) - corners, axis=2)
@@ -278,7 +279,7 @@ def _flip_caps(vertices: FloatArray, faces: IntArray, origin: IntArray) -> int:
 
 
 def _glue(surface: _Surface, edges: HalfEdges, tally: dict[str, float]) -> _Surface:
-    """Make corners one vertex where, and only where, glued edges lead from one to the other."""
+    """Merge corners into one vertex if, and only if, glued edges connect them."""
     n = len(surface.vertices)
     touched = vertices_of_many_fans(edges, n)
     rim = edges.alone()
@@ -311,16 +312,16 @@ def _glue(surface: _Surface, edges: HalfEdges, tally: dict[str, float]) -> _Surf
 
 
 def _crowded(edges: HalfEdges) -> tuple[IntArray, IntArray]:
-    """Return the half-edges on edges with more than two, and the numbers of these edges."""
+    """Return the half-edges of edges with more than two, and the indices of these edges."""
     crowded = np.repeat(edges.count > 2, edges.count)
     return edges.order[crowded], np.repeat(np.arange(len(edges.count)), edges.count)[crowded]
 
 
 def _patches(surface: _Surface, edges: HalfEdges) -> tuple[IntArray, BoolArray]:
-    """Return the number of the patch of each face, and whether that is a fin.
+    """Return the patch of each face, and whether the patch is a fin.
 
-    A patch is what hangs together across edges with two faces; a fin, one with a rim that is a
-    small part of the whole.
+    A patch is a set of faces that are connected across edges with two faces. A fin is a small patch
+    with a boundary.
     """
     one, other = edges.pairs // 3
     patch = components(np.stack([one, other, other], axis=1), len(edges.start) // 3)
@@ -332,7 +333,7 @@ def _patches(surface: _Surface, edges: HalfEdges) -> tuple[IntArray, BoolArray]:
 
 
 def _count_open_seams(surface: _Surface, edges: HalfEdges, tally: dict[str, float]) -> None:
-    """Count edges of the rim that run along another one, without being joined to it."""
+    """Count boundary edges that run along another one but are not joined to it."""
     rim = edges.alone()
     if len(rim) == 0:
         return
@@ -352,9 +353,10 @@ def _one_place(
     near: float,
     near_of_edge: float = _CRACK_OF_EDGE,
 ) -> IntArray:
-    """Return for each end of a rim the first one that lies where it does, or that near.
+    """Return for each vertex of the boundary the first one that coincides with it, or nearly so.
 
-    Nearness is a distance, and a share of the longest edges of the rim there.
+    Two vertices nearly coincide if their distance is at most ``near``, and at most the fraction
+    ``near_of_edge`` of the longest boundary edges there.
     """
     points = surface.vertices[ends]
     place = first_at_place(points)
@@ -379,7 +381,7 @@ def _one_place(
 
 
 def _at_one_place(edges: HalfEdges, rim: IntArray, place: IntArray) -> tuple[IntArray, IntArray]:
-    """Return those half-edges of a rim that lie where another does, and the number of the place."""
+    """Return the boundary half-edges that coincide with another, and the index of their place."""
     start, end = place[edges.start[rim]], place[edges.end[rim]]
     keys = np.minimum(start, end) * len(place) + np.maximum(start, end)
     _, group, count = np.unique(keys, return_inverse=True, return_counts=True)
@@ -396,26 +398,26 @@ def _best_pairs(
     place: IntArray,
     at_seam: bool = False,
 ) -> IntArray:
-    """Choose at each edge the pairs of faces that continue each other best.
+    """Choose the pairs of faces at each edge that form the smoothest surface.
 
-    Faces of one patch that are wound against each other are no pair; but at a seam of two faces
-    each may be wound as it likes. Fins come last.
+    Faces of the same patch with opposite windings are not paired, except at a seam of exactly two
+    faces. Fins are paired last.
 
     Parameters
     ----------
     surface, edges
         The surface and its half-edges.
     half, group : ndarray of int, shape (n,)
-        Half-edges, and the number of the edge where each lies, in order.
+        Half-edges, and the index of the edge of each, in ascending order.
     place : ndarray of int, shape (n_vertices,)
-        Vertices with one number lie at one place.
+        Index of the place of each vertex; coinciding vertices have the same.
     at_seam : bool, default=False
-        Whether the edges are not one yet.
+        Whether the edges are boundary edges that have not been joined yet.
 
     Returns
     -------
     pairs : ndarray of int, shape (2, n_pairs)
-        The half-edges of each pair; the best of all edges come first.
+        The half-edges of each pair; the best pair of each edge comes first.
     """
     start, end = place[edges.start[half]], place[edges.end[half]]
     patch, fin = _patches(surface, edges)
@@ -432,14 +434,14 @@ def _best_pairs(
         i.append(first)
         j.append(first + k)
     one, other = np.concatenate(i), np.concatenate(j)
-    bend = (into[one] * into[other]).sum(axis=1)  # -1 where one face continues the other
+    bend = (into[one] * into[other]).sum(axis=1)  # -1 if one face smoothly continues the other
     alike = forward[one] != forward[other]
     fits = alike | (patch[half[one] // 3] != patch[half[other] // 3])
     fits |= at_seam & (size[one] == 2)
     fits &= (bend < _FOLDED) & (half[one] // 3 != half[other] // 3)
     one, other, bend, alike = one[fits], other[fits], bend[fits], alike[fits]
     fins = fin[half[one] // 3].astype(int) + fin[half[other] // 3]
-    # What is equal up to rounding is taken in the order of the faces.
+    # Ties up to rounding are broken by the order of the faces.
     order = np.lexsort((other, one, np.round(bend, 9), fins, ~alike, group[one]))
     one, other = one[order], other[order]
     taken = np.zeros(len(half), dtype=bool)
@@ -454,7 +456,7 @@ def _best_pairs(
 
 
 def _rounded(areas: Array) -> Array:
-    """Round areas, so that those that are equal up to rounding keep their order."""
+    """Round areas, so that areas that are equal up to rounding keep their order."""
     return np.round(areas / (areas.max() or 1), 9)
 
 
@@ -471,7 +473,7 @@ def _number_anew(
     n_seam: int,
     tally: dict[str, float],
 ) -> _Surface:
-    """Give each fan of corners a vertex: the first of those that it has, or a copy of it."""
+    """Give each fan of corners one vertex: the first of its vertices, or a copy of it."""
     n, n_fans = len(surface.vertices), int(fan.max()) + 1
     vertex = np.full(n_fans, n)
     np.minimum.at(vertex, fan, edges.start[corners])
@@ -495,14 +497,14 @@ def _number_anew(
     vertices = np.concatenate([surface.vertices, surface.vertices[vertex[copies]]])
     glued = _Surface(vertices, faces, surface.origin)
     kept = np.ones(len(faces), dtype=bool)
-    kept[repeated_corners(faces)] = False  # what a crack has swallowed
+    kept[repeated_corners(faces)] = False  # faces that collapsed when a crack was closed
     return glued if kept.all() else glued.only(kept)
 
 
 def _part_beyond_two(surface: _Surface, edges: HalfEdges, tally: dict[str, float]) -> _Surface:
-    """Where two sheets still have an edge in common, give one of them a vertex in its middle.
+    """Insert a vertex in the middle of an edge that two sheets still share, for one of them.
 
-    There the way around the vertices at its ends leads through both sheets.
+    The sheets share such an edge if the fans at both of its ends include both sheets.
     """
     if not (edges.count > 2).any():
         return surface
@@ -512,7 +514,7 @@ def _part_beyond_two(surface: _Surface, edges: HalfEdges, tally: dict[str, float
     group_of[half] = group
     rest = np.setdiff1d(half, pairs)
     sheets = [*pairs.T.tolist(), *([single] for single in rest.tolist())]
-    keeps: set[int] = set()  # edges that a sheet has, the best one
+    keeps: set[int] = set()  # edges that are assigned to their best sheet
     done: set[int] = set()
     vertices, faces, origin = surface.vertices, surface.faces.copy(), surface.origin.copy()
     n = len(vertices)
@@ -525,7 +527,7 @@ def _part_beyond_two(surface: _Surface, edges: HalfEdges, tally: dict[str, float
             keeps.add(edge)
             continue
         if done & {one // 3 for one in sheet}:
-            continue  # in the next round
+            continue  # handled in the next round
         done |= {one // 3 for one in sheet}
         for one in sheet:
             face, a = divmod(one, 3)
@@ -545,7 +547,7 @@ def _part_beyond_two(surface: _Surface, edges: HalfEdges, tally: dict[str, float
 
 
 def _untwist(surface: _Surface, edges: HalfEdges, tally: dict[str, float]) -> _Surface:
-    """Drop the few faces without which a patch can be wound consistently."""
+    """Drop a few faces if a patch can then be wound consistently."""
     turned, twisted = against_the_rest(edges)
     if not twisted.any():
         return _wind(surface, edges, tally) if turned.any() else surface
@@ -571,20 +573,20 @@ def _untwist(surface: _Surface, edges: HalfEdges, tally: dict[str, float]) -> _S
 
 
 def _shortest_twisted_way(edges: HalfEdges, conflict: BoolArray) -> IntArray:
-    """Find a short closed way along edges, after which left and right have changed places.
+    """Find a short closed path along edges that reverses orientation.
 
     Parameters
     ----------
     edges : HalfEdges
         The half-edges.
     conflict : ndarray of bool, shape (n_pairs,)
-        Which pairs of faces are wound against each other. They lie along curves; a way that changes
-        sides meets one of these.
+        Which pairs of faces are wound inconsistently. They form curves, and every path that
+        reverses orientation meets one of them.
 
     Returns
     -------
     way : ndarray of int
-        The pairs of faces to both sides of it; those that are in conflict, if they are fewer.
+        The pairs of faces on both sides of the path, or the pairs in conflict if these are fewer.
     """
     n = int(edges.start.max()) + 1
     ends = np.unique(np.stack([edges.start, edges.end])[:, edges.pairs[0, conflict]])
@@ -595,10 +597,10 @@ def _shortest_twisted_way(edges: HalfEdges, conflict: BoolArray) -> IntArray:
     mirrored = _mirrored_corners(edges, conflict, at)
     corner = np.arange(len(edges.start))
     changed = mirrored ^ mirrored[corner - corner % 3 + (corner + 1) % 3]
-    # Each vertex stands there twice, v and v + n, once for each side of the surface.
+    # Each vertex occurs twice, as v and v + n, once for each side of the surface.
     rows = np.concatenate([edges.start, edges.start + n])
     columns = np.concatenate([edges.end + n * changed, edges.end + n * ~changed])
-    # Older versions of scipy's graph routines take 32-bit indices only.
+    # Graph routines of older scipy versions only accept 32-bit indices.
     ends_of = rows.astype(np.int32), columns.astype(np.int32)
     graph = sp.csr_array((np.ones(len(rows)), ends_of), shape=(2 * n, 2 * n))
     shortest, start = int(conflict.sum()), -1
@@ -623,7 +625,10 @@ def _shortest_twisted_way(edges: HalfEdges, conflict: BoolArray) -> IntArray:
 
 
 def _mirrored_corners(edges: HalfEdges, conflict: BoolArray, at: BoolArray) -> BoolArray:
-    """Return which corners are wound against the first one of their vertex, to go by neighbours."""
+    """Return which corners have the opposite winding to the first corner of their vertex.
+
+    Windings are compared across the faces around the vertex.
+    """
     parallel = np.equal(*edges.start[edges.pairs])
     corners, (a, b), pair = corner_links(edges, edges.pairs, parallel, at)
     against = conflict[pair]
@@ -640,7 +645,7 @@ def _mirrored_corners(edges: HalfEdges, conflict: BoolArray, at: BoolArray) -> B
 
 
 def _fewest_conflicts(pairs: IntArray, against: BoolArray, turned: BoolArray) -> BoolArray:
-    """Turn faces that conflict with most of their neighbours, and return which pairs conflict."""
+    """Flip faces that conflict with most of their neighbours; return the remaining conflicts."""
     one, other = pairs
     n = len(turned)
     degree = np.bincount(pairs.ravel(), minlength=n)
@@ -650,14 +655,14 @@ def _fewest_conflicts(pairs: IntArray, against: BoolArray, turned: BoolArray) ->
         better = 2 * count > degree
         if not better.any():
             return np.asarray(conflict)
-        # Of neighbours, only the first is turned: both would undo each other.
+        # Of two neighbours only the first is flipped; flipping both would change nothing.
         both = better[one] & better[other]
         better[np.maximum(one, other)[both]] = False
         turned ^= better
 
 
 def _cover(pairs: IntArray, area: FloatArray, most: int) -> IntArray | None:
-    """Choose faces such that each pair has one of them, those in most pairs first, small ones."""
+    """Choose faces that cover all pairs, preferring faces in many pairs, and small ones."""
     one, other = pairs
     if len(one) > 3 * most:  # a face has three neighbours
         return None
@@ -674,7 +679,7 @@ def _cover(pairs: IntArray, area: FloatArray, most: int) -> IntArray | None:
 
 
 def _largest_piece(surface: _Surface, tally: dict[str, float]) -> _Surface:
-    """Keep the piece of most area; of pieces of equal area, the first."""
+    """Keep the component with the largest area; of equal ones, the first."""
     if len(surface.faces) == 0:
         return surface
     piece = components(surface.faces, len(surface.vertices))[surface.faces[:, 0]]
@@ -686,7 +691,7 @@ def _largest_piece(surface: _Surface, tally: dict[str, float]) -> _Surface:
     largest = first_of_largest(sizes)
     _count(tally, "pieces", len(sizes))
     _count(tally, "debris", float(1 - sizes[largest] / max(sizes.sum(), 1e-300)))
-    # Those around or inside of it are counted by themselves.
+    # Components around or inside it are counted separately.
     first = np.unique(piece, return_index=True)[1]
     points = surface.vertices[surface.faces[piece == largest].ravel()]
     low, high = points.min(axis=0), points.max(axis=0)
@@ -699,7 +704,7 @@ def _largest_piece(surface: _Surface, tally: dict[str, float]) -> _Surface:
 
 
 def _found_at(surface: _Surface, n_given: int) -> IntArray:
-    """Return the vertex at which each given one is found: of several, that of most area."""
+    """Return the vertex that each given one became; of several, the one with the largest area."""
     origin, vertex = surface.origin.ravel(), surface.faces.ravel()
     known = origin >= 0
     found = np.full(n_given, -1)
@@ -713,17 +718,17 @@ def _found_at(surface: _Surface, n_given: int) -> IntArray:
         np.stack([origin[corner], vertex[corner]], axis=1), axis=0, return_inverse=True
     )
     area = np.bincount(pair.ravel(), surface.areas()[corner // 3])
-    order = np.lexsort((-keys[:, 1], _rounded(area), keys[:, 0]))  # the last wins
+    order = np.lexsort((-keys[:, 1], _rounded(area), keys[:, 0]))  # the last one is kept
     found[keys[order, 0]] = keys[order, 1]
     return found
 
 
 def _find_at_the_same_place(vertices: FloatArray, vertex_map: IntArray, lost: IntArray) -> None:
-    """Let given vertices without faces be found, in place, where one with faces lies that is."""
+    """Map given vertices without faces, in place, to a coinciding vertex that has faces."""
     if len(lost) == 0:
         return
     place = first_at_place(vertices)
     found = np.flatnonzero(vertex_map >= 0)[::-1]
     at = np.full(len(vertices), -1)
-    at[place[found]] = vertex_map[found]  # the first one wins, as it is written last
+    at[place[found]] = vertex_map[found]  # the first vertex is written last, and so is kept
     vertex_map[lost] = at[place[lost]]

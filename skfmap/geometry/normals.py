@@ -1,4 +1,4 @@
-"""Normals at vertices."""
+"""Vertex normals."""
 
 import igl
 import numpy as np
@@ -9,9 +9,9 @@ __all__ = ["vertex_normals"]
 
 
 def vertex_normals(vertices: FloatArray, faces: IntArray) -> FloatArray:
-    """Return unit normals at vertices, shape (n_vertices, 3): means over faces, by area.
+    """Return unit normals at vertices: area-weighted means over faces, shape (n_vertices, 3).
 
-    Zero where faces have no area, or cancel each other.
+    They are zero where faces have no area, or cancel each other.
     """
     return np.nan_to_num(
         igl.per_vertex_normals(vertices, faces, igl.PER_VERTEX_NORMALS_WEIGHTING_TYPE_AREA)

@@ -1,4 +1,4 @@
-"""Which side of a surface is its outside."""
+"""Orientation of faces, and the outside of a surface."""
 
 import numpy as np
 import scipy.sparse as sp
@@ -8,16 +8,16 @@ from skfmap.geometry.faults import HalfEdges, area_and_longest_edge, boundary_pi
 
 __all__ = ["against_the_rest", "orient_faces", "signed_volume"]
 
-# Below this share of area^(3/2) a signed volume says nothing about sides (a ball has 0.094, a TOSCA
-# cat 0.04).
+# Below this fraction of area^(3/2) a signed volume does not determine the outside (a ball has
+# 0.094, a TOSCA cat 0.04).
 _FLAT = 1e-3
 
 
 def signed_volume(vertices: FloatArray, faces: IntArray) -> float:
     """Return the volume that faces enclose, positive if their normals point outwards.
 
-    Faces are wound consistently. Holes are closed by a fan around the mean of their boundary, so
-    that the answer does not depend on the origin.
+    Faces must be wound consistently. Holes are closed by a fan around the mean of their boundary,
+    so that the result does not depend on the origin.
 
     Examples
     --------
@@ -32,10 +32,10 @@ def signed_volume(vertices: FloatArray, faces: IntArray) -> float:
 
 
 def against_the_rest(edges: HalfEdges) -> tuple[BoolArray, BoolArray]:
-    """Say which faces are wound against the rest of their patch.
+    """Find faces that are wound against the rest of their patch.
 
-    A patch is what hangs together across edges with two faces. Of its two windings, the one is
-    taken in which fewer faces have to be turned.
+    A patch is a set of faces that are connected across edges with two faces. Of its two windings,
+    the one is chosen that flips fewer faces.
 
     Parameters
     ----------
@@ -45,9 +45,9 @@ def against_the_rest(edges: HalfEdges) -> tuple[BoolArray, BoolArray]:
     Returns
     -------
     turned : ndarray of bool, shape (n_faces,)
-        Which faces have to be turned.
+        Which faces must be flipped.
     twisted : ndarray of bool, shape (n_faces,)
-        Which belong to a patch that has no consistent winding; none of them is turned.
+        Which faces belong to a patch without a consistent winding; none of them is flipped.
 
     Examples
     --------
@@ -63,8 +63,8 @@ def against_the_rest(edges: HalfEdges) -> tuple[BoolArray, BoolArray]:
     if alike.all():
         return np.zeros(n, dtype=bool), np.zeros(n, dtype=bool)
     one, other = edges.pairs // 3
-    # Each face has two sides, f and f + n. Neighbours continue each other on the same side where
-    # they are wound alike; a patch whose two sides hang together has only one.
+    # Each face has two sides, f and f + n. Neighbours are connected on the same side if they are
+    # wound consistently; if the two sides of a patch are connected, it has only one side.
     rows = np.concatenate([one, one + n])
     columns = np.concatenate([np.where(alike, other, other + n), np.where(alike, other + n, other)])
     _, sheet = sp.csgraph.connected_components(
@@ -82,7 +82,7 @@ def against_the_rest(edges: HalfEdges) -> tuple[BoolArray, BoolArray]:
 def orient_faces(
     vertices: FloatArray, faces: IntArray, edges: HalfEdges | None = None
 ) -> tuple[IntArray, bool, bool]:
-    """Wind all faces consistently and outwards, as far as that can be told; the numbering stays.
+    """Wind all faces consistently and outwards, as far as possible; indices do not change.
 
     Parameters
     ----------
@@ -91,7 +91,7 @@ def orient_faces(
     faces : ndarray of int, shape (n_faces, 3)
         Triangles of one connected component.
     edges : HalfEdges, optional
-        Their half-edges, where they are known.
+        Their half-edges, if known.
 
     Returns
     -------
@@ -100,7 +100,7 @@ def orient_faces(
     consistent : bool
         Whether they are wound consistently; False for surfaces that cannot be (a Moebius band).
     outward : bool
-        Whether they are known to point outwards; False where the surface encloses no volume.
+        Whether they are known to point outwards; False if the surface encloses no volume.
     """
     edges = half_edges(faces) if edges is None else edges
     turned, twisted = against_the_rest(edges)
@@ -110,7 +110,7 @@ def orient_faces(
     if turned.any():
         oriented = np.where(turned[:, None], faces[:, [0, 2, 1]], faces)
     scale = area_and_longest_edge(vertices, oriented)[0].sum()
-    if scale**1.5 == 0:  # no area, or too little to be told from none
+    if scale**1.5 == 0:  # no area, or an area that underflows
         return oriented, True, False
     closed = not (edges.count == 1).any()
     volume = _signed_volume(vertices, oriented, closed) / scale**1.5

@@ -1,4 +1,4 @@
-"""Products of gradients that tell left from right."""
+"""Products of gradients that distinguish left from right."""
 
 import numpy as np
 import scipy.sparse as sp
@@ -11,9 +11,9 @@ __all__ = ["integrated_oriented_products"]
 def integrated_oriented_products(f: FloatArray, g: FloatArray, faces: IntArray) -> FloatArray:
     """Integrate <grad f x grad g, n> against the hat function of each vertex.
 
-    On a triangle the integral of the product is det [f1 - f0, f2 - f0; g1 - g0, g2 - g0] / 2: no
-    normal, no division, and no length. A reflection of the surface changes its sign (the Poisson
-    bracket of Ren et al. 2018).
+    On a triangle the integral of the product is det [f1 - f0, f2 - f0; g1 - g0, g2 - g0] / 2, which
+    needs no normal, no division and no length. A reflection of the surface changes its sign (see
+    the Poisson bracket of Ren et al. 2018).
 
     Parameters
     ----------
@@ -25,7 +25,7 @@ def integrated_oriented_products(f: FloatArray, g: FloatArray, faces: IntArray) 
     Returns
     -------
     integrals : ndarray of shape (n_vertices, n_products)
-        Coefficients in the eigenfunctions are ``evecs.T @ integrals``.
+        Integrals; the coefficients in the eigenfunctions are ``evecs.T @ integrals``.
     """
     f0, f1, f2 = (f[faces[:, j]] for j in range(3))
     g0, g1, g2 = (g[faces[:, j]] for j in range(3))

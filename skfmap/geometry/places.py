@@ -1,4 +1,4 @@
-"""Places on a surface that are nearest to points, without jumping through thin walls."""
+"""Nearest places on a surface that respect the two sides of thin walls."""
 
 from functools import cached_property
 from typing import NamedTuple
@@ -14,34 +14,35 @@ from skfmap.geometry.normals import vertex_normals
 
 __all__ = ["Places", "Surface", "places_after_collapse", "surface_of_places"]
 
-# Cosine of the angle up to which normals agree: 60 degrees.
+# Normals agree if the cosine of the angle between them is at least this: 60 degrees.
 _AGREES = 0.5
 
-# What a cosine below that costs, against squared distances in mean edges: the other side of a wall
-# is 2.4 edges away, wherever it is, and what stands at a right angle 1.4.
+# Penalty for a smaller cosine, relative to squared distances in mean edges: the other side of a
+# wall counts as 2.4 edges away, however near it is, and a face at a right angle as 1.4.
 _DISAGREES = 4.0
 
-# Columns of a frame: see `_frames`.
+# Number of columns of a frame; see `_frames`.
 _FRAME = 15
 
-# Weight of the vertex in the middle up to which a place is on the rim of the faces around it.
+# A place is on the outer rim of the faces around a vertex if the weight of the vertex is at most
+# this.
 _ON_THE_RIM = 1e-9
 
-# Point-triangle pairs looked at in one go: few enough to stay in the cache.
+# Number of point-triangle pairs processed at a time, few enough to stay in the cache.
 _CHUNK = 2**16
 
 
 class Places(NamedTuple):
-    """Where on a surface points are.
+    """Places of points on a surface.
 
     Attributes
     ----------
     face : ndarray of int32, shape (n_points,)
-        The face; -1 for points that have no place.
+        The face of each place; -1 for points without a place.
     coordinates : ndarray of float32, shape (n_points, 2)
-        Weights of the face's second and third corner; NaN without a place.
+        Weights of the second and third corner of the face; NaN without a place.
     distance : ndarray of shape (n_points,)
-        From the point to its place; NaN without a place.
+        Distance between each point and its place; NaN without a place.
     """
 
     face: npt.NDArray[np.int32]
@@ -56,14 +57,14 @@ def places_after_collapse(
     faces: IntArray,
     vertex_map: IntArray,
 ) -> Places:
-    """Return where given vertices are on the mesh that they were thinned to.
+    """Return the places of given vertices on the thinned mesh.
 
     Parameters
     ----------
     points : ndarray of shape (n_points, 3)
         Coordinates of the given vertices.
     normals : ndarray of shape (n_points, 3)
-        Their unit normals, as by `skfmap.geometry.normals.vertex_normals`.
+        Their unit normals, from `skfmap.geometry.normals.vertex_normals`.
     vertices, faces : ndarray
         The thinned mesh.
     vertex_map : ndarray of int, shape (n_points,)
@@ -72,7 +73,7 @@ def places_after_collapse(
     Returns
     -------
     Places
-        Each in a face within two rings of the vertex: see `Surface.around`.
+        Places in faces within two rings of the thinned vertex; see `Surface.around`.
 
     Examples
     --------
@@ -93,9 +94,9 @@ def places_after_collapse(
 def surface_of_places(
     given_faces: IntArray, places: Places, vertices: FloatArray, faces: IntArray
 ) -> "Surface":
-    """Return a given mesh as it lies on the mesh that its vertices have places on.
+    """Return a given mesh with its vertices moved to their places on another mesh.
 
-    That is the way back: `Surface.locate` then finds the given face, and the place in it, for
+    This gives the inverse map: `Surface.locate` then finds the given face, and the place in it, for
     points of the other mesh.
 
     Parameters
@@ -103,14 +104,14 @@ def surface_of_places(
     given_faces : ndarray of int, shape (n_given_faces, 3)
         Triangles of the given mesh.
     places : Places
-        Where its vertices are on the other mesh.
+        Places of its vertices on the other mesh.
     vertices, faces : ndarray
         The other mesh.
 
     Returns
     -------
     Surface
-        With vertices at their places, and the normals of the faces that they are in.
+        The surface with vertices at their places, and the normals of the faces that contain them.
 
     Examples
     --------
@@ -140,17 +141,17 @@ def surface_of_places(
 
 
 class Surface:
-    """A triangle mesh on which places are looked for.
+    """A triangle mesh on which places are searched.
 
     Parameters
     ----------
     vertices : ndarray of shape (n_vertices, 3)
-        Coordinates; faces at vertices that are not finite hold no places.
+        Coordinates; faces with vertices that are not finite contain no places.
     faces : ndarray of int, shape (n_faces, 3)
         Triangles.
     normals : ndarray of shape (n_vertices, 3), optional
-        Unit normals at vertices; those of faces are then means over corners. By default the mesh's
-        own.
+        Unit normals at vertices; face normals are then means over corners. By default they are the
+        normals of the mesh.
 
     Examples
     --------
@@ -176,7 +177,7 @@ class Surface:
         self._scale = float((high - low).max()) / 2 or 1.0
         self._edge = _mean_edge(vertices, self._corners) / self._scale
         n_used = len(self._used)
-        self._star = sp.csr_array(  # in which faces vertices are
+        self._star = sp.csr_array(  # which faces each vertex is in
             (
                 np.ones(3 * n_used, dtype=np.int32),
                 (self._corners.ravel(), np.repeat(np.arange(n_used), 3)),
@@ -184,7 +185,7 @@ class Surface:
             shape=(len(vertices), n_used),
         )
         self._star.sort_indices()
-        # Filled in for the faces that are looked at.
+        # Computed for a face when it is first needed.
         self._frames = np.empty((n_used, _FRAME))
         self._has_frame = np.zeros(n_used, dtype=bool)
 
@@ -198,37 +199,37 @@ class Surface:
     ) -> Places:
         """Return the places of points within two rings of faces around vertices.
 
-        Of the faces around its vertex, a point gets the nearest point on those whose normals are
-        within 60 degrees of its own. Where that lies on the outer rim of these faces, or where
-        none agrees, the faces around the neighbours are looked at as well. A face that does not
-        agree is taken only where it is nearer than any that does by more than a mean edge or two,
-        the more the less it agrees: that happens to single vertices with odd normals, but not
+        The place of a point is the nearest point on the faces around its vertex whose normals are
+        within 60 degrees of its own. If that is on the outer rim of these faces, or if no normal
+        agrees, the faces around the neighbouring vertices are searched as well. A face whose normal
+        does not agree is used only if it is nearer than all others by more than one or two mean
+        edges, depending on the angle. This happens for single vertices with odd normals, but not
         across walls.
 
         Parameters
         ----------
         points, normals : ndarray of shape (n_points, 3)
-            Coordinates, and unit normals (zero where there is none: then every face is as good).
+            Coordinates and unit normals. For a normal of zero all faces are equally good.
         nearby : ndarray of int, shape (n_points,)
             A vertex near each point; -1 for points without a place.
         agreeing : bool
-            Whether points have no place where the normal of its face does not agree.
+            Whether a point has no place if the normal of the face does not agree.
 
         Returns
         -------
         Places
-            For each point.
+            The place of each point.
         """
         n = len(points)
         face = np.full(n, -1, dtype=np.int64)
         weights = np.full((n, 2), np.nan)
         squared = np.full(n, np.nan)
         asked = np.flatnonzero(nearby >= 0)
-        asked = asked[np.argsort(nearby[asked], kind="stable")]  # neighbours share memory
+        asked = asked[np.argsort(nearby[asked], kind="stable")]  # for locality in memory
         scaled = (points - self._centre) / self._scale
 
         def look(rings: sp.csr_array, rows: IntArray, asked: IntArray) -> IntArray:
-            """Look in rows of faces, and return which points may be nearer to others."""
+            """Search rows of faces, and return the points that need a wider search."""
             self._prepare(rings[np.unique(rows)].indices.astype(np.int64))
             further = []
             for part in _parts(np.diff(rings.indptr)[rows]):
@@ -258,22 +259,22 @@ class Surface:
         )
 
     def locate(self, points: FloatArray, normals: FloatArray, *, agreeing: bool = False) -> Places:
-        """Return the places of points near the vertices that are nearest in position and normal.
+        """Return the places of points around the vertices nearest in position and normal.
 
-        The distance to a vertex has a second term, by how much normals differ times the mean edge:
-        the other side of a thin wall is two edges away.
+        The distance to a vertex includes the difference of the normals times the mean edge, so that
+        the other side of a thin wall counts as two edges away.
 
         Parameters
         ----------
         points, normals : ndarray of shape (n_points, 3)
             Coordinates and unit normals; points that are not finite have no place.
         agreeing : bool
-            Whether points have no place where the normal of its face does not agree.
+            Whether a point has no place if the normal of the face does not agree.
 
         Returns
         -------
         Places
-            For each point: see `around`.
+            The place of each point; see `around`.
         """
         tree, numbers = self._tree
         scaled = (points - self._centre) / self._scale
@@ -294,7 +295,7 @@ class Surface:
         return KDTree(np.column_stack([scaled, self._edge * normals[used]])), used
 
     def _two_rings(self, centres: IntArray) -> sp.csr_array:
-        """Return in a row for each vertex the faces around it and around its neighbours."""
+        """Return one row per vertex with the faces around it and around its neighbours."""
         corners = sp.csr_array(
             (self._star.data, self._corners.ravel(), 3 * np.arange(len(self._used) + 1)),
             shape=self._star.shape[::-1],
@@ -304,7 +305,7 @@ class Surface:
         return rings
 
     def _prepare(self, faces: IntArray) -> None:
-        """Make the frames of faces that have none yet."""
+        """Compute the frames of faces that have none yet."""
         wanted = np.zeros(len(self._used), dtype=bool)
         wanted[faces] = True
         new = np.flatnonzero(wanted & ~self._has_frame)
@@ -313,14 +314,14 @@ class Surface:
         frames = _frames(a, b, c)
         if self._vertex_normals is not None:
             frames[:, 9:12] = _unit(self._vertex_normals[corners].sum(axis=1))
-        # In this order: another thread may look.
+        # In this order, because another thread may read them.
         self._frames[new] = frames
         self._has_frame[new] = True
 
     def _nearest(
         self, points: FloatArray, normals: FloatArray, rings: sp.csr_array, rows: IntArray
     ) -> tuple[IntArray, npt.NDArray[np.bool_], FloatArray, FloatArray]:
-        """Return the best face of a row for each point, whether it agrees, weights, distance."""
+        """Return the best face for each point, whether it agrees, weights and squared distance."""
         counts = np.diff(rings.indptr)[rows]
         starts = np.cumsum(counts) - counts
         owner = np.repeat(np.arange(len(rows)), counts)
@@ -339,7 +340,7 @@ class Surface:
 
 
 def _parts(counts: IntArray) -> list[slice]:
-    """Cut points, with so many faces to look at each, into parts of about equal work."""
+    """Split points with these numbers of candidate faces into parts of about equal work."""
     part = np.cumsum(counts) // _CHUNK
     cuts = np.flatnonzero(np.diff(part, prepend=-1))
     ends = np.append(cuts[1:], len(counts))[: len(cuts)]
@@ -364,10 +365,10 @@ def _unit(vectors: FloatArray) -> FloatArray:
 
 
 def _frames(a: FloatArray, b: FloatArray, c: FloatArray) -> FloatArray:
-    """Return a frame for each triangle, from its corners.
+    """Return a frame for each triangle, given its corners.
 
-    Columns: the first corner; the directions of x, along the first edge, of y, in the plane of the
-    triangle, and of its normal; x of the second corner; x and y of the third.
+    The columns are the first corner; the directions of x (along the first edge), of y (in the plane
+    of the triangle) and of the normal; x of the second corner; x and y of the third corner.
     """
     along = _unit(np.where((b == a).all(axis=1, keepdims=True), c - a, b - a))
     normal = _unit(np.cross(b - a, c - a))
@@ -379,7 +380,7 @@ def _frames(a: FloatArray, b: FloatArray, c: FloatArray) -> FloatArray:
 def _nearest_points(
     points: FloatArray, frames: FloatArray
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return the points of triangles nearest to points: two weights and the squared distance."""
+    """Return the nearest points on triangles: two weights, and the squared distance."""
     away = points - frames[:, :3]
     x, y = _dot(away, frames[:, 3:6]), _dot(away, frames[:, 6:9])
     height = _dot(away, away) - x**2 - y**2
@@ -406,5 +407,5 @@ def _nearest_points(
 
 
 def _divide(over: FloatArray, under: FloatArray) -> FloatArray:
-    """Divide, with 0 where that cannot be done."""
+    """Divide; the result of a division by zero is 0."""
     return np.divide(over, under, out=np.zeros_like(over), where=under != 0)

@@ -1,4 +1,4 @@
-"""Cuts polygons into triangles."""
+"""Triangulation of polygons."""
 
 import numpy as np
 
@@ -6,18 +6,18 @@ from skfmap._tools.types import BoolArray, FloatArray, IntArray
 
 __all__ = ["triangulate"]
 
-# Areas below this share of the squared extent of a polygon are nil to rounding.
+# Areas below this fraction of the squared extent of a polygon are zero up to rounding.
 _NO_AREA = 1e-12
 
 
 def triangulate(
     vertices: FloatArray, corners: IntArray, counts: IntArray
 ) -> tuple[IntArray, IntArray]:
-    """Cut polygons into triangles, in their order; those of a polygon follow each other.
+    """Cut polygons into triangles; the triangles are in the order of their polygons.
 
-    Convex ones become fans around their first corner, others lose one ear after the other. A
-    polygon of one or two corners, or one that crosses itself, becomes one triangle that names a
-    vertex twice, so that it is told from others and no face is lost in silence.
+    Convex polygons become fans around their first corner; others are cut by removing ears. A
+    polygon with one or two corners, or one that crosses itself, becomes one triangle with a
+    repeated vertex, so that it can be recognised and no face is lost silently.
 
     Parameters
     ----------
@@ -26,7 +26,7 @@ def triangulate(
     corners : ndarray of int, shape (n_corners,)
         The vertices of the first polygon, then those of the second, and so on.
     counts : ndarray of int, shape (n_polygons,)
-        How many corners each polygon has.
+        Number of corners of each polygon.
 
     Returns
     -------
@@ -37,7 +37,7 @@ def triangulate(
 
     Examples
     --------
-    A square with a dent: its fourth corner is inside of the triangle of the others.
+    A square with a dent, whose fourth corner is inside the triangle of the others:
 
     >>> import numpy as np
     >>> from skfmap.geometry.polygons import triangulate
@@ -71,9 +71,10 @@ def triangulate(
 def _cut(
     vertices: FloatArray, table: IntArray, polygons: IntArray
 ) -> tuple[IntArray, IntArray, list[int]]:
-    """Cut polygons of equally many corners; return the triangles, whose they are, and who crosses.
+    """Cut polygons with the same number of corners.
 
-    Indices of vertices that do not exist are passed on, for others to complain about.
+    Return the triangles, the polygon of each, and the polygons that cross themselves. Indices of
+    vertices that do not exist are passed on; later checks reject them.
     """
     n = table.shape[1]
     outside = ((table < 0) | (table >= len(vertices))).any(axis=1)
@@ -95,9 +96,9 @@ def _cut(
 
 
 def _in_plane(points: FloatArray) -> tuple[FloatArray, BoolArray]:
-    """Return polygons, shape (n, n_corners, 2), seen along their normals, wound to the left.
+    """Project polygons along their normals, shape (n, n_corners, 2), wound counterclockwise.
 
-    Also which of them have no side, as half of what they enclose is wound against the other half.
+    Also return which of them have no normal, because their signed areas cancel.
     """
     with np.errstate(all="ignore"):
         centred = points - points.mean(axis=1, keepdims=True)
@@ -109,7 +110,7 @@ def _in_plane(points: FloatArray) -> tuple[FloatArray, BoolArray]:
         spokes = centred - centred[:, :1]
         areas = np.linalg.norm(np.cross(spokes[:, 1:-1], spokes[:, 2:]), axis=2).sum(axis=1)
     sideless = (areas > 1e-9) & (length[:, 0] < 1e-9 * areas)
-    # The axis that is least along the normal gives the first direction in the plane.
+    # The axis that is farthest from the normal defines the first direction in the plane.
     least = np.eye(3)[np.abs(normal).argmin(axis=1)]
     first = np.cross(least, normal)
     first = first / np.maximum(np.linalg.norm(first, axis=1, keepdims=True), 1e-300)
@@ -119,9 +120,9 @@ def _in_plane(points: FloatArray) -> tuple[FloatArray, BoolArray]:
 
 
 def _is_fan(flat: FloatArray) -> BoolArray:
-    """Return which polygons are convex, so that their triangles around the first corner tile them.
+    """Return which polygons are convex, so that the fan around the first corner tiles them.
 
-    All of these have an area then, and the angles at that corner add up to less than a half turn.
+    All triangles then have a positive area, and the angles at that corner sum to less than pi.
     """
     spokes = flat[:, 1:] - flat[:, :1]
     one, other = spokes[:, :-1], spokes[:, 1:]
@@ -144,7 +145,7 @@ def _ears(points: FloatArray) -> list[tuple[int, int, int]] | None:
     Parameters
     ----------
     points : ndarray of shape (n_corners, 2)
-        The polygon, wound to the left.
+        The polygon, wound counterclockwise.
     """
     if _crosses_itself(points):
         return None
@@ -172,7 +173,7 @@ def _first_ear(points: FloatArray) -> int | None:
         inside = np.ones(n, dtype=bool)
         for start, end in ((a, b), (b, c), (c, a)):
             inside &= _cross(end - start, points - start) >= -_NO_AREA
-        # A way to a hole and back meets its corners twice.
+        # A bridge edge to a hole passes its corners twice.
         same = (points[:, None] == np.stack([a, b, c])).all(axis=2).any(axis=1)
         if not (inside & ~same).any():
             return at
@@ -180,10 +181,10 @@ def _first_ear(points: FloatArray) -> int | None:
 
 
 def _crosses_itself(points: FloatArray) -> bool:
-    """Return whether two sides of a polygon cross each other within both."""
+    """Return whether two sides of a polygon cross in their interiors."""
     end = np.roll(points, -1, axis=0)
     side = end - points
-    # Where the ends of each side (rows) lie to the left of each other one (columns).
+    # Whether the ends of each side (rows) are to the left of each other side (columns).
     from_start = _cross(side[None], points[:, None] - points[None])
     from_end = _cross(side[None], end[:, None] - points[None])
     parted = (from_start > _NO_AREA) & (from_end < -_NO_AREA)

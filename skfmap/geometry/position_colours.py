@@ -1,4 +1,4 @@
-"""Colours that tell where on a surface a vertex is."""
+"""Colours that show the position of vertices on a surface."""
 
 import numpy as np
 
@@ -9,10 +9,10 @@ __all__ = ["colours_of_position"]
 
 
 def colours_of_position(vertices: FloatArray) -> FloatArray:
-    """Return a colour for each vertex that tells where on the mesh it is.
+    """Return a colour for each vertex that shows its position on the mesh.
 
-    Along the longest axis colours go from blue to yellow, which nearly everyone can tell apart;
-    along the shortest from dark green to light red, and along the third they become lighter.
+    Along the longest axis colours go from blue to yellow, which nearly everyone can distinguish;
+    along the shortest axis from dark green to light red, and along the third they become lighter.
 
     Parameters
     ----------
@@ -22,7 +22,7 @@ def colours_of_position(vertices: FloatArray) -> FloatArray:
     Returns
     -------
     ndarray of shape (n_vertices, 3)
-        sRGB in [0, 1].
+        Colours in sRGB, between 0 and 1.
     """
     centred = vertices - vertices.mean(axis=0)
     _, axes = np.linalg.eigh(centred.T @ centred)
@@ -32,7 +32,7 @@ def colours_of_position(vertices: FloatArray) -> FloatArray:
     short, middle, long = (
         2 * (along - along.min(axis=0)) / np.maximum(np.ptp(along, axis=0), 1e-300) - 1
     ).T
-    # Chosen by eye: strong colours of which few leave sRGB (3 % of the points of a ball, clipped).
+    # Chosen by eye: strong colours, few of which are outside sRGB (3 % on a ball, clipped).
     return _srgb_of_oklab(0.68 + 0.07 * middle + 0.09 * short, 0.13 * short, 0.13 * long)
 
 

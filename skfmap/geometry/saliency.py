@@ -8,24 +8,24 @@ from skfmap._tools.types import FloatArray, SparseMatrix
 
 __all__ = ["gaussian_averages", "mesh_saliency"]
 
-# Steps until the shortest time. A mode is damped by (1 + x / 2)^-2 rather than exp(-x): at
-# most 0.12 too little, where exp(-x) is 0.10.
+# Steps until the shortest time. A mode is damped by (1 + x / 2)^-2 rather than exp(-x). This is at
+# most 0.12 too little damping, where exp(-x) is 0.10.
 _STEPS = 2
-# The ratio of two times that is a whole number is one to rounding.
+# Ratios of two times this close to an integer count as integers.
 _ROUNDING = 1e-9
 
 
 def mesh_saliency(
     curvature: FloatArray, stiffness: SparseMatrix, mass: FloatArray, scales: FloatArray
 ) -> FloatArray:
-    """Return the difference of Gaussian-weighted curvature averages at scale sigma and 2 sigma.
+    """Return the difference of Gaussian-weighted curvature averages at scales sigma and 2 sigma.
 
     Parameters
     ----------
     curvature : ndarray of shape (n_vertices,)
         Mean curvature.
     stiffness, mass : sparse array of shape (n_vertices, n_vertices), ndarray of shape (n_vertices,)
-        Laplacian of the surface.
+        Stiffness and mass matrix of the surface.
     scales : ndarray of shape (n_scales,)
         Standard deviations sigma, in the unit of length, ascending.
 
@@ -42,12 +42,12 @@ def mesh_saliency(
 def gaussian_averages(
     values: FloatArray, stiffness: SparseMatrix, mass: FloatArray, scales: FloatArray
 ) -> FloatArray:
-    """Return averages of a function under Gaussians, shape (n_vertices, n_scales).
+    """Return Gaussian-weighted averages of a function, shape (n_vertices, n_scales).
 
     ``scales`` are standard deviations. On a surface the Gaussian is the heat kernel at time sigma^2
-    / 2. All scales come from one factorisation: implicit Euler steps of equal length (half the
-    shortest time), interpolated linearly between steps. Constants stay constant, and so does the
-    integral.
+    / 2. One factorisation serves all scales: the heat equation is solved by implicit Euler steps of
+    equal length (half the shortest time), with linear interpolation between steps. Constants and
+    the integral are preserved.
     """
     times = np.asarray(scales, dtype=np.float64) ** 2 / 2
     step = times.min() / _STEPS

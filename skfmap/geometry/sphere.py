@@ -1,4 +1,4 @@
-"""A sphere: the surface whose eigenvalues and curvatures are known in closed form."""
+"""A sphere, whose eigenvalues and curvatures are known in closed form."""
 
 import igl
 import numpy as np
@@ -9,7 +9,7 @@ __all__ = ["subdivided_octahedron"]
 
 
 def subdivided_octahedron(n_subdivisions: int) -> tuple[FloatArray, IntArray]:
-    """Return the 4^(n + 1) + 2 vertices and the outward faces of a unit sphere."""
+    """Return a unit sphere with 4^(n + 1) + 2 vertices, and faces wound outwards."""
     vertices = np.concatenate([np.eye(3), -np.eye(3)])
     faces = np.array(
         [[0, 1, 2], [1, 3, 2], [3, 4, 2], [4, 0, 2], [1, 0, 5], [3, 1, 5], [4, 3, 5], [0, 4, 5]]

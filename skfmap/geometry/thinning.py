@@ -1,4 +1,4 @@
-"""Thinning: fewer vertices on the same surface, and where each given vertex went."""
+"""Thinning of meshes to fewer vertices, with a map from given to thinned vertices."""
 
 import threading
 from typing import NamedTuple
@@ -19,46 +19,48 @@ from skfmap.geometry.normals import vertex_normals
 
 __all__ = ["Thinned", "ThinningReport", "check_thinned", "thin"]
 
-# Quadrics thin to this many times what is asked for, quickly, and shortest edges do the rest,
-# which leaves vertices as evenly spaced as eigenfunctions want them. See the notes of `thin`.
+# The fast quadric stage stops at this many times the requested number of vertices. Shortest-edge
+# collapses do the rest, because they leave evenly spaced vertices, which eigenfunctions need. See
+# the notes of `thin`.
 _FIRST_STAGE = 10
 
-# Weight of staying where an edge was collapsed to, against squared distances from the planes of
-# the faces around: enough to hold vertices within flat regions.
+# Weight of the position after the collapse, relative to squared distances from the planes of the
+# faces around: enough to hold vertices in flat regions.
 _STAY = 1e-2
 
-# Weight of walls along the boundary: there are many faces to an edge of it.
+# Weight of walls along the boundary, where each edge competes with many faces.
 _WALL = 1e2
 
-# A vertex is not moved where that turns a face by more than this cosine, or leaves it with less
-# than this area (twice, over a squared edge), nor by less than this share of the way.
+# A vertex is not moved if this rotates a face so that the cosine is below the first value, or
+# leaves twice its area divided by its squared longest edge below the second. Steps smaller than
+# this fraction of the full step are not tried.
 _TURNED = 0.2
 _FLAT = 0.02
 _SMALL_STEP = 0.1
 
-# How often to thin for a number of vertices, which depends on how many are on the boundary, and
-# the share of it that is near enough.
+# Number of attempts to reach the requested number of vertices, which depends on how many are on the
+# boundary, and the fraction of it that is close enough.
 _TRIES = 8
 _NEARLY = 0.99
 
-# Cosine below which normals on two sides of a wall are opposite: 120 degrees.
+# Normals on the two sides of a wall are opposite if their cosine is below this: 120 degrees.
 _OPPOSITE = -0.5
 
-# The library keeps its mesh in global variables, in four calls for one simplification.
+# The library keeps its mesh in global variables across the four calls of one simplification.
 _ONE_AT_A_TIME = threading.Lock()
 
 
 class Thinned(NamedTuple):
-    """A thinned mesh and where the given vertices went.
+    """A thinned mesh, and the vertex that each given vertex was collapsed into.
 
     Attributes
     ----------
     vertices : ndarray of shape (n_vertices, 3)
-        Coordinates, in the units of the given ones.
+        Coordinates, in the units of the given mesh.
     faces : ndarray of int, shape (n_faces, 3)
-        Triangles, wound as the given ones.
+        Triangles, wound like the given ones.
     vertex_map : ndarray of int, shape (n_given,)
-        The thinned vertex that each given one was collapsed into.
+        The thinned vertex that each given vertex was collapsed into.
     """
 
     vertices: FloatArray
@@ -67,7 +69,7 @@ class Thinned(NamedTuple):
 
 
 def thin(vertices: FloatArray, faces: IntArray, n_vertices: int) -> Thinned:
-    """Collapse edges until few vertices are left.
+    """Thin a mesh by collapsing edges.
 
     Parameters
     ----------
@@ -77,7 +79,7 @@ def thin(vertices: FloatArray, faces: IntArray, n_vertices: int) -> Thinned:
         Triangles of a connected, manifold, consistently wound surface, with or without boundary,
         that uses every vertex.
     n_vertices : int
-        How many vertices to leave at most.
+        Maximum number of vertices to keep.
 
     Raises
     ------
@@ -87,20 +89,20 @@ def thin(vertices: FloatArray, faces: IntArray, n_vertices: int) -> Thinned:
     Returns
     -------
     Thinned
-        A connected, manifold surface, wound like the given one; the given mesh itself where it has
-        no more vertices than asked for. It has more than asked for only where every further
-        collapse would change the topology.
+        A connected, manifold surface, wound like the given one; this is the given mesh itself if it
+        has at most ``n_vertices`` vertices. There are more only if every further collapse would
+        change the topology.
 
     Notes
     -----
-    Large meshes are brought to a few times ``n_vertices`` by a fast quadric collapse
-    [1]_, which does not mind the topology: pairs of faces that it folds onto each other are cut
-    off, and where it pinches a neck it is done again, less far. Then the shortest edge is
-    collapsed as long as that keeps the topology, which leaves evenly spaced vertices but shrinks
-    what is curved; so each vertex is moved to the point that is nearest to the planes of the faces
-    that it stands for, and of walls along the boundary.
+    Large meshes are first reduced to a few times ``n_vertices`` by a fast quadric collapse [1]_,
+    which does not preserve the topology: pairs of faces that it folds onto each other are removed,
+    and if it pinches off a neck, it is repeated with more vertices. Then the shortest edge is
+    collapsed repeatedly as long as this preserves the topology. This leaves evenly spaced vertices
+    but shrinks curved regions; each vertex is therefore moved to the point nearest to the planes of
+    the faces that it represents, and to walls along the boundary.
 
-    Everything is done in a fixed order, so that equal meshes are thinned equally.
+    All steps have a fixed order, so that equal meshes are thinned equally.
 
     References
     ----------
@@ -120,39 +122,39 @@ def thin(vertices: FloatArray, faces: IntArray, n_vertices: int) -> Thinned:
     faces = np.ascontiguousarray(faces, dtype=np.int64)
     if n_given <= n_vertices:
         return Thinned(vertices, faces, np.arange(n_given))
-    if not is_wound_consistently(faces):  # the libraries beneath would not come to an end
+    if not is_wound_consistently(faces):  # the libraries would not terminate
         raise ValueError("its faces have no consistent winding, or more than two share an edge")
     low, high = vertices.min(axis=0), vertices.max(axis=0)
     centre, scale = (low + high) / 2, float((high - low).max()) / 2
     dense = Thinned((vertices - centre) / scale, faces, np.arange(n_given))
     sparse = dense
     n_rim = _count_rim(faces, n_given)
-    n_first = _FIRST_STAGE * n_vertices + n_rim  # which is kept then
+    n_first = _FIRST_STAGE * n_vertices + n_rim  # quadrics keep the boundary
     while 1.5 * n_first < n_given and sparse is dense:
         candidate = _by_quadrics(dense, n_first)
         if _is_manifold(candidate) and count_components(candidate.faces, len(candidate[0])) == 1:
             sparse = candidate
         n_first *= 2
-    rim_left = n_rim * (n_vertices / n_given) ** 0.5  # it is thinned like a curve
+    rim_left = n_rim * (n_vertices / n_given) ** 0.5  # the boundary is thinned like a curve
     thinned = _by_shortest_edges(sparse, n_vertices, rim_left)
     placed = _on_the_surface(thinned, sparse)
     return Thinned(placed * scale + centre, thinned.faces, thinned.vertex_map[sparse.vertex_map])
 
 
 class ThinningReport(NamedTuple):
-    """How well a thinned mesh stands for the given one.
+    """How well a thinned mesh represents the given one.
 
     Attributes
     ----------
     hausdorff : tuple of float
         The largest distance of a given vertex from the thinned surface, and of a thinned vertex
-        from the given surface, as shares of the square root of the given area.
+        from the given surface, divided by the square root of the given area.
     n_pieces : int
-        Connected pieces of the thinned mesh.
+        Number of components of the thinned mesh.
     manifold : bool
         Whether its faces form one consistently wound sheet at each edge and vertex.
     thin_wall_share : float
-        Share of its area where the other side of the wall is less than a mean edge away.
+        Fraction of its area where the other side of the wall is less than a mean edge away.
     """
 
     hausdorff: tuple[float, float]
@@ -164,23 +166,23 @@ class ThinningReport(NamedTuple):
 def check_thinned(
     vertices: FloatArray, faces: IntArray, thinned: Thinned, distances: FloatArray
 ) -> ThinningReport:
-    """Measure how well a thinned mesh stands for the given one.
+    """Measure how well a thinned mesh represents the given one.
 
     Parameters
     ----------
     vertices, faces : ndarray
         The given mesh.
     thinned : Thinned
-        What `thin` made of it.
+        The result of `thin`.
     distances : ndarray of shape (n_given,)
-        How far given vertices are from their places, as by
+        Distances between given vertices and their places, from
         `skfmap.geometry.places.places_after_collapse`.
 
     Returns
     -------
     ThinningReport
-        The second distance is to the given faces around the vertices that were collapsed into the
-        thinned one, never through a wall.
+        The report. Its second distance is measured to the given faces around the vertices that were
+        collapsed into the thinned one, never through a wall.
 
     Examples
     --------
@@ -203,7 +205,7 @@ def check_thinned(
 
 
 def _distance_back(vertices: FloatArray, faces: IntArray, thinned: Thinned) -> float:
-    """Return the largest distance of a thinned vertex from given faces that belong to it."""
+    """Return the largest distance between a thinned vertex and the given faces it represents."""
     squared = ((vertices - thinned.vertices[thinned.vertex_map]) ** 2).sum(axis=1)
     order = np.lexsort((squared, thinned.vertex_map))
     _, first = np.unique(thinned.vertex_map[order], return_index=True)
@@ -217,7 +219,7 @@ def _distance_back(vertices: FloatArray, faces: IntArray, thinned: Thinned) -> f
 
 
 def _thin_wall_share(mesh: Thinned) -> float:
-    """Return the share of area with a vertex behind it, facing the other way, within an edge."""
+    """Return the fraction of the area with an opposite vertex behind it, within a mean edge."""
     corners = mesh.vertices[mesh.faces]
     edge = float(np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).mean())
     normals = vertex_normals(mesh.vertices, mesh.faces)
@@ -231,7 +233,7 @@ def _thin_wall_share(mesh: Thinned) -> float:
 
 
 def _by_quadrics(mesh: Thinned, n_vertices: int) -> Thinned:
-    """Collapse quickly to about so many vertices; vertices on the boundary stay."""
+    """Collapse quickly to about ``n_vertices`` vertices; vertices on the boundary are kept."""
     n_given = len(mesh.vertices)
     n_faces = int(len(mesh.faces) * n_vertices / n_given)
     with _ONE_AT_A_TIME:
@@ -251,7 +253,7 @@ def _by_quadrics(mesh: Thinned, n_vertices: int) -> Thinned:
         into = further
     left = into[mesh.faces]
     left = left[_has_three_corners(left)]
-    # The library numbers what is left in the order of the given vertices.
+    # The library numbers the remaining vertices in the order of the given ones.
     is_used = np.zeros(n_given, dtype=bool)
     is_used[left] = True
     used = np.flatnonzero(is_used)
@@ -259,7 +261,7 @@ def _by_quadrics(mesh: Thinned, n_vertices: int) -> Thinned:
     number[used] = np.arange(len(used))
     faces = _without_folds(number[left])
     kept, faces = np.unique(faces, return_inverse=True)
-    renumbered = np.full(len(used) + 1, -1)  # the last for those that are in no face
+    renumbered = np.full(len(used) + 1, -1)  # the last entry is for vertices without a face
     renumbered[kept] = np.arange(len(kept))
     vertices = vertices[kept]
     vertex_map = _spread(renumbered[number[into]], mesh, vertices)
@@ -267,9 +269,9 @@ def _by_quadrics(mesh: Thinned, n_vertices: int) -> Thinned:
 
 
 def _by_shortest_edges(mesh: Thinned, n_vertices: int, n_rim: float) -> Thinned:
-    """Collapse shortest edges until few vertices are left, about so many of them on the rim."""
+    """Collapse shortest edges to ``n_vertices`` vertices, about ``n_rim`` of them on the rim."""
     n, n_faces = len(mesh.vertices), len(mesh.faces)
-    # Euler: n = n_faces / 2 + n_rim / 2 + characteristic, for the given mesh and for what is left.
+    # Euler: n = n_faces / 2 + n_rim / 2 + characteristic, for the given and the thinned mesh.
     characteristic = n - (n_faces + _count_rim(mesh.faces, n)) / 2
     best, too_few, too_many = mesh, 0, n_faces
     for _ in range(_TRIES):
@@ -280,7 +282,7 @@ def _by_shortest_edges(mesh: Thinned, n_vertices: int, n_rim: float) -> Thinned:
         faces = np.ascontiguousarray(faces, dtype=np.int64)
         n_left = len(vertices)
         if len(best.vertices) > n_vertices or len(best.vertices) < n_left <= n_vertices:
-            # A face that is left has the corners into which its corners were collapsed.
+            # The corners of a remaining face are the vertices that its corners were collapsed into.
             onwards = np.full(n, -1)
             onwards[mesh.faces[births]] = faces
             onwards = _spread(onwards, mesh, vertices)
@@ -293,7 +295,7 @@ def _by_shortest_edges(mesh: Thinned, n_vertices: int, n_rim: float) -> Thinned:
 
 
 def _on_the_surface(thinned: Thinned, mesh: Thinned) -> FloatArray:
-    """Return where each vertex is nearest to the planes of the faces that it stands for."""
+    """Return the points nearest to the planes of the faces that each vertex represents."""
     n = len(thinned.vertices)
     matrices, sums, weights = np.zeros((n, 3, 3)), np.zeros((n, 3)), np.zeros(n)
 
@@ -301,7 +303,7 @@ def _on_the_surface(thinned: Thinned, mesh: Thinned) -> FloatArray:
         """Add planes to the quadrics of the vertices that their ends were collapsed into."""
         offsets = (normals * points).sum(axis=1)
         for j in range(ends.shape[1]):
-            first = (ends[:, :j] != ends[:, j, None]).all(axis=1)  # each plane once
+            first = (ends[:, :j] != ends[:, j, None]).all(axis=1)  # add each plane only once
             vertex, area, normal = ends[first, j], areas[first], normals[first]
             weights[:] += np.bincount(vertex, area, n)
             for row in range(3):
@@ -313,7 +315,7 @@ def _on_the_surface(thinned: Thinned, mesh: Thinned) -> FloatArray:
     normals, double_areas = _normals(mesh.vertices, mesh.faces)
     add(thinned.vertex_map[mesh.faces], normals, double_areas, mesh.vertices[mesh.faces[:, 0]])
     rims, sides = _rim(mesh.faces)
-    if len(rims):  # walls along the boundary, so that it is not drawn inwards
+    if len(rims):  # walls along the boundary keep it from moving inwards
         along = mesh.vertices[rims[:, 1]] - mesh.vertices[rims[:, 0]]
         walls = np.cross(along, normals[sides])
         lengths = np.linalg.norm(walls, axis=1)
@@ -326,7 +328,7 @@ def _on_the_surface(thinned: Thinned, mesh: Thinned) -> FloatArray:
 
     before, _ = _normals(thinned.vertices, thinned.faces)
     steps = np.ones(n)
-    while True:  # vertices of faces that have turned over go back: half of the way, then all of it
+    while True:  # vertices of faces that flipped move back: by halves, and finally all the way
         moved = thinned.vertices + steps[:, None] * (placed - thinned.vertices)
         after, double_areas = _normals(moved, thinned.faces)
         corners = moved[thinned.faces]
@@ -339,7 +341,7 @@ def _on_the_surface(thinned: Thinned, mesh: Thinned) -> FloatArray:
 
 
 def _normals(vertices: FloatArray, faces: IntArray) -> tuple[FloatArray, FloatArray]:
-    """Return unit normals of faces, zero where there is none, and twice their areas."""
+    """Return the unit normals of faces (zero without area), and twice their areas."""
     a, b, c = (vertices[faces[:, j]] for j in range(3))
     normals = np.cross(b - a, c - a)
     double_areas = np.linalg.norm(normals, axis=1)
@@ -347,7 +349,7 @@ def _normals(vertices: FloatArray, faces: IntArray) -> tuple[FloatArray, FloatAr
 
 
 def _rim(faces: IntArray) -> tuple[IntArray, IntArray]:
-    """Return the edges that only one face has, as they run in it, and which face that is."""
+    """Return the boundary edges, directed as in their face, and the face of each."""
     edges = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
     keys = np.sort(edges, axis=1) @ [int(faces.max()) + 1, 1]
     _, first, counts = np.unique(keys, return_index=True, return_counts=True)
@@ -356,7 +358,7 @@ def _rim(faces: IntArray) -> tuple[IntArray, IntArray]:
 
 
 def _without_folds(faces: IntArray) -> IntArray:
-    """Leave out faces that lie on each other, as often as that lays others bare."""
+    """Remove pairs of coinciding faces, until there are none."""
     while True:
         corners = np.sort(faces, axis=1)
         order = np.lexsort(corners.T)
@@ -369,9 +371,9 @@ def _without_folds(faces: IntArray) -> IntArray:
 
 
 def _spread(vertex_map: IntArray, mesh: Thinned, positions: FloatArray) -> IntArray:
-    """Give vertices that are mapped to nothing (-1) what a neighbour is mapped to.
+    """Map vertices without a target (-1) to the target of a neighbour.
 
-    Of the targets of its neighbours each gets the nearest, ring by ring.
+    Each gets the nearest of its neighbours' targets, ring by ring.
     """
     vertex_map = vertex_map.copy()
     around = mesh.faces[(vertex_map < 0)[mesh.faces].any(axis=1)]
@@ -399,8 +401,8 @@ def _is_manifold(mesh: Thinned) -> bool:
 def _count_rim(faces: IntArray, n_vertices: int) -> int:
     """Return the number of vertices on the boundary, without sorting edges.
 
-    Around a vertex inside, each neighbour comes after it in one face and before it in another;
-    at the boundary the first and the last do not.
+    Around an interior vertex, each neighbour follows it in one face and precedes it in another; at
+    the boundary this fails for the first and the last neighbour.
     """
     first, second, third = faces.T
     sums = np.zeros(n_vertices)

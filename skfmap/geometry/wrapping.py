@@ -1,4 +1,4 @@
-"""Wraps a surface full of tunnels, pores and debris into the shell around it."""
+"""Wrapping of a surface full of tunnels, pores and debris in an outer shell."""
 
 from collections.abc import Iterator
 from typing import NamedTuple
@@ -15,22 +15,24 @@ from skfmap.geometry.mending import mend
 
 __all__ = ["Wrapped", "wants_wrapping", "wrap"]
 
-# More handles than this no body has; the mouse skulls that this was made for have 250 and more.
+# No body has more handles than this; the mouse skulls for which this was written have 250 or more.
 _MOST_HANDLES = 10
-# What is left out is no mere debris if so many pieces with this share of the area lie around the
-# piece that is kept.
+# The components left out are more than debris if at least this many of them, with more than this
+# fraction of the area, are around the component that is kept.
 _MANY_PIECES, _MUCH_AREA = 10, 0.1
 
-# All in cells of the grid. The closing radius ...
+# All lengths are in cells of the grid. The closing radius ...
 _RADIUS = 6
-# ... and the radii of balls that may be caught in a chamber: what fits in but not out is closed ...
+# ... and the radii of balls that may be trapped in a chamber. A space is closed if a ball fits into
+# it but cannot leave it ...
 _BALLS = (8, 10, 12, 14, 16)
-# ... if there is room for a ball that is so many times larger; else it is a mere niche.
+# ... and if there is room for a ball this many times larger; otherwise it is only a niche.
 _WIDER = 1.3
-# Shells are made so far outside, so that sheets without thickness have two sides, and are moved
-# back by nearly as much.
+# Offset at which shells are extracted, so that sheets without thickness have two sides, and the
+# fraction of it by which they are moved back.
 _OFFSET, _BACK = 0.5, 0.9
-# Distances are exact so near the surface; and from this near, nothing leads from side to side.
+# Distances are exact up to the first distance from the surface; grid points farther from it than
+# the second are connected only if they are on the same side.
 _BAND, _WALL = 2.5, 1.75
 # Rounds of smoothing where the shell spans an opening.
 _SMOOTHING = 10
@@ -46,8 +48,8 @@ class Wrapped(NamedTuple):
     faces : ndarray of int, shape (n_faces, 3)
         Triangles of one closed manifold surface, wound outwards.
     radius : float
-        The closing radius: a ball of this radius can touch the shell everywhere from outside, but
-        in front of chambers.
+        The closing radius: a ball of this radius can touch the shell from outside everywhere except
+        at closed chambers.
     """
 
     vertices: FloatArray
@@ -56,36 +58,36 @@ class Wrapped(NamedTuple):
 
 
 class _Grid(NamedTuple):
-    """Points of a grid and what is known there."""
+    """Points of a grid, and distances there."""
 
     points: FloatArray
     distance: FloatArray
     """Distance from the surface, negative inside."""
     level: FloatArray
-    """Negative inside and up to the offset outside; zero where the side changes in the open."""
+    """Negative inside and up to the offset outside; zero where the side changes at a hole."""
 
 
 def wrap(
     vertices: FloatArray, faces: IntArray, *, n_cells: int = 150, radius: float | None = None
 ) -> Wrapped:
-    """Return the outer shell of a surface: closed, in one piece, with hardly a handle.
+    """Return the outer shell of a surface: closed, connected, and with hardly any handles.
 
-    On a grid, whatever has a generalised winding number above one half is inside. What no ball of
-    the closing radius can cover from outside is closed, and so are chambers: spaces where a larger
-    ball finds room that cannot leave by any opening. The level set (marching cubes) half a cell
-    outside is moved back to the surface.
+    Grid points with a generalised winding number above one half are inside. Spaces that no ball of
+    the closing radius can reach from outside are closed, and so are chambers: spaces that contain a
+    larger ball which cannot leave through any opening. The level set half a cell outside (marching
+    cubes) is then moved back to the surface.
 
     Parameters
     ----------
     vertices : ndarray of shape (n_vertices, 3)
         Coordinates.
     faces : ndarray of int, shape (n_faces, 3)
-        Triangles of finite coordinates, wound outwards as far as may be. They may have holes, and
-        be many pieces.
+        Triangles with finite coordinates, wound outwards as far as possible. The surface may have
+        holes and many components.
     n_cells : int, default=150
-        Cells of the grid along the longest side.
+        Number of grid cells along the longest side.
     radius : float, optional
-        The closing radius. Six cells by default.
+        The closing radius; by default six cells.
 
     Returns
     -------
@@ -124,7 +126,7 @@ def wrap(
 
 
 def _known_on_grid(vertices: FloatArray, faces: IntArray, cell: float, margin: float) -> _Grid:
-    """Return a grid around the surface, with distances from it, exact near the surface."""
+    """Return a grid around the surface with distances from it, which are exact nearby."""
     used = vertices[np.unique(faces)]
     low = used.min(axis=0) - margin
     size = np.ceil((np.ptp(used, axis=0) + 2 * margin) / cell).astype(int) + 1
@@ -143,7 +145,7 @@ def _known_on_grid(vertices: FloatArray, faces: IntArray, cell: float, margin: f
 
 
 def _points_on(vertices: FloatArray, faces: IntArray, spacing: float) -> Iterator[FloatArray]:
-    """Yield points on triangles, none of which is farther than the spacing from the next."""
+    """Yield points on triangles whose distances from one another are at most the spacing."""
     longest = np.sqrt(area_and_longest_edge(vertices, faces)[1])
     steps = np.ceil(np.maximum(longest / spacing, 1.0)).astype(int)
     for n in np.unique(steps):
@@ -156,9 +158,12 @@ def _points_on(vertices: FloatArray, faces: IntArray, spacing: float) -> Iterato
 def _sides(
     points: FloatArray, wall: BoolArray, vertices: FloatArray, faces: IntArray, cell: float
 ) -> tuple[FloatArray, FloatArray]:
-    """Return -1 inside and 1 outside, and about a distance from where that changes in the open."""
+    """Return -1 inside and 1 outside, and an approximate distance from where this changes.
+
+    The distance is meant for holes, where the side changes away from the surface.
+    """
     winding = np.zeros(wall.shape)
-    if (half_edges(faces).count % 2 == 0).all():  # no rim: it is the same in all of a region
+    if (half_edges(faces).count % 2 == 0).all():  # no boundary: constant within each region
         winding[wall] = igl.fast_winding_number(vertices, faces, points[wall])
         region, n_regions = ndimage.label(~wall)
         if n_regions:
@@ -172,25 +177,26 @@ def _sides(
 
 
 def _with_the_border(mask: BoolArray) -> BoolArray:
-    """Return what hangs together with the outside of the grid."""
+    """Return the part of a mask that is connected to the outside of the grid."""
     regions, _ = ndimage.label(np.pad(mask, 1, constant_values=True))
     return np.asarray(regions == regions[0, 0, 0])[1:-1, 1:-1, 1:-1]
 
 
 def _closed(distance: FloatArray, radius: float, cell: float) -> FloatArray:
-    """Return about the distance from where balls get from outside, positive where they do.
+    """Return the approximate signed distance from the space that balls reach from outside.
 
-    It is one cell too deep, so that the surface itself decides wherever it is met.
+    It is positive inside that space, and one cell too large, so that the surface itself decides
+    wherever a ball touches it.
     """
     outside = _with_the_border(distance > radius)
     return radius + cell - ndimage.distance_transform_edt(~outside) * cell
 
 
 def _chambers(distance: FloatArray, radius: float, cell: float) -> BoolArray:
-    """Return the chambers: where a ball fits in that cannot leave by any opening.
+    """Return the chambers: spaces that contain a ball which cannot leave through any opening.
 
-    The next smaller ball can; each place that it gets to is the chamber's if its middle comes there
-    in fewer steps than from outside.
+    The next smaller ball can leave. A point that it reaches belongs to the chamber if its centre
+    gets there in fewer steps from the chamber than from outside.
     """
     closed = np.zeros(distance.shape, dtype=bool)
     smaller = radius
@@ -211,9 +217,12 @@ def _chambers(distance: FloatArray, radius: float, cell: float) -> BoolArray:
 
 
 def _reached_first(here: BoolArray, there: BoolArray, free: BoolArray) -> BoolArray:
-    """Return what is reached from here sooner than from there, by steps through free points."""
+    """Return the points that are reached sooner from ``here`` than from ``there``.
+
+    Steps go through free points.
+    """
     shape = np.array(here.shape) + 2
-    owner = np.zeros(shape, dtype=np.int8)  # 0 where nobody gets, 3 where nobody is yet
+    owner = np.zeros(shape, dtype=np.int8)  # 0: unreachable, 3: not reached yet
     inner = (slice(1, -1),) * 3
     owner[inner] = np.where(here, 1, np.where(there, 2, np.where(free, 3, 0)))
     flat = owner.ravel()
@@ -231,7 +240,7 @@ def _reached_first(here: BoolArray, there: BoolArray, free: BoolArray) -> BoolAr
 def _moved_back(
     points: FloatArray, triangles: IntArray, vertices: FloatArray, faces: IntArray, cell: float
 ) -> FloatArray:
-    """Move a shell back to the surface where it lies along it, and smooth it where it does not."""
+    """Move a shell back to the surface where it is close, and smooth it where it is not."""
     squared, _, nearest = igl.point_mesh_squared_distance(points, vertices, faces)
     distance = np.sqrt(squared)
     spans = distance > 1.2 * _OFFSET * cell
@@ -248,14 +257,14 @@ def _moved_back(
 
 
 def wants_wrapping(faces: IntArray, tally: dict[str, float] | None = None) -> str:
-    """Say why a mended surface is no body but for its shell; nothing if it is one.
+    """Return why a mended surface should be wrapped; an empty string if it should not.
 
     Parameters
     ----------
     faces : ndarray of int, shape (n_faces, 3)
-        Triangles in one piece.
+        Triangles of a connected surface.
     tally : dict of str to float, optional
-        What `mend` did to make one of it.
+        The tally of `mend` for this surface.
 
     Returns
     -------
@@ -270,7 +279,7 @@ def wants_wrapping(faces: IntArray, tally: dict[str, float] | None = None) -> st
     >>> wants_wrapping(ball.faces)
     ''
     >>> wants_wrapping(ball.faces, {"pieces around": 30, "area around": 0.2})
-    '30 pieces with 20% of the area lie around the largest'
+    'it has 30 components with 20% of the area around the largest one'
     """
     n_handles = _count_handles(faces)
     if n_handles > _MOST_HANDLES:
@@ -278,12 +287,12 @@ def wants_wrapping(faces: IntArray, tally: dict[str, float] | None = None) -> st
     tally = tally or {}
     n_others, share = int(tally.get("pieces around", 0)), tally.get("area around", 0)
     if n_others >= _MANY_PIECES and share > _MUCH_AREA:
-        return f"{n_others} pieces with {share:.0%} of the area lie around the largest"
+        return f"it has {n_others} components with {share:.0%} of the area around the largest one"
     return ""
 
 
 def _count_handles(faces: IntArray) -> int:
-    """Return the genus of a surface in one piece, whose rims count as closed."""
+    """Return the genus of a connected surface whose holes count as closed."""
     edges = half_edges(faces)
     euler = len(np.unique(faces)) - len(edges.count) + len(faces)
     return (2 - euler - len(boundary_pieces(faces))) // 2

@@ -1,4 +1,4 @@
-"""Reading and writing meshes and landmarks."""
+"""Reading and writing of meshes and landmarks."""
 
 from skfmap.io.formats import MESH_SUFFIXES, READ_SUFFIXES, WRITTEN_SUFFIXES, unread_formats
 from skfmap.io.landmarks import (

@@ -1,4 +1,4 @@
-"""Surfaces of brains: FreeSurfer's triangles, and GIFTI (.gii)."""
+"""Brain surfaces: triangle files of FreeSurfer, and GIFTI (.gii)."""
 
 import base64
 import zlib
@@ -14,7 +14,7 @@ from skfmap.io.numbers import Polygons, numbers_of, whole
 __all__ = ["FREESURFER_SUFFIXES", "read_freesurfer", "read_gifti"]
 
 FREESURFER_SUFFIXES = (".inflated", ".pial", ".smoothwm", ".sphere", ".white")
-"""Endings of FreeSurfer's surfaces, but for ``.orig``, as which others keep copies of anything."""
+"""Suffixes of FreeSurfer surfaces, except ``.orig``, which is also used for backup copies."""
 
 _TRIANGLES, _QUADRANGLES = b"\xff\xff\xfe", (b"\xff\xff\xff", b"\xff\xff\xfd")
 _TYPES = {"NIFTI_TYPE_UINT8": "u1", "NIFTI_TYPE_INT32": "i4", "NIFTI_TYPE_UINT32": "u4"}
@@ -23,32 +23,33 @@ _POINTS, _FACES = "NIFTI_INTENT_POINTSET", "NIFTI_INTENT_TRIANGLE"
 
 
 def read_freesurfer(content: bytes) -> tuple[FloatArray, Polygons]:
-    """Return the vertices and faces of a surface of FreeSurfer, in its surface coordinates.
+    """Return the vertices and faces of a FreeSurfer surface, in its surface coordinates.
 
     Raises
     ------
     MeshError
-        If it is no such file; the message goes on behind its name.
+        If the content cannot be read. The message continues a sentence that begins with the path.
     """
     if content[:3] in _QUADRANGLES:
         raise MeshError(
-            "is of FreeSurfer's old format of quadrangles. Its mris_convert writes triangles."
+            "is in FreeSurfer's old format for quadrangles. Convert it to triangles with "
+            "FreeSurfer's mris_convert."
         )
     if content[:3] != _TRIANGLES:
         raise MeshError(
-            "is no surface of FreeSurfer: it does not begin as these do. Curvatures and labels "
-            "(.curv, .thickness, .label) are none."
+            "is not a FreeSurfer surface: its first bytes are different. Curvatures and labels "
+            "(.curv, .thickness, .label) are not surfaces."
         )
-    at = content.find(b"\n", 3) + 1  # behind the line that says by whom it was made
+    at = content.find(b"\n", 3) + 1  # after the line that names the author
     at += content[at : at + 1] == b"\n"
     if at < 4 or len(content) < at + 8:
-        raise MeshError("ends within its head: the file is truncated.")
+        raise MeshError("ends within its header: the file is truncated.")
     n, m = np.frombuffer(content, ">i4", 2, at).tolist()
     at += 8
     if n < 0 or m < 0 or len(content) < at + 12 * (n + m):
         raise MeshError(
-            f"says that it holds {n} vertices and {m} faces, which it has no room for: the file is "
-            "truncated, or damaged."
+            f"declares {n} vertices and {m} faces, but is too short to hold them: the file is "
+            "truncated or damaged."
         )
     vertices = np.frombuffer(content, ">f4", 3 * n, at).reshape(-1, 3).astype(np.float64)
     corners = np.frombuffer(content, ">i4", 3 * m, at + 12 * n).astype(np.int64)
@@ -56,12 +57,13 @@ def read_freesurfer(content: bytes) -> tuple[FloatArray, Polygons]:
 
 
 def read_gifti(content: bytes) -> tuple[FloatArray, Polygons]:
-    """Return the vertices and faces of a GIFTI file, in the coordinates that it stores.
+    """Return the vertices and faces of a GIFTI file, in the stored coordinates.
 
     Raises
     ------
     MeshError
-        If it holds no surface, or several; the message goes on behind its name.
+        If the file does not contain exactly one surface. The message continues a sentence that
+        begins with the path.
     """
     arrays = _Arrays()
     arrays.parse(content)
@@ -69,11 +71,11 @@ def read_gifti(content: bytes) -> tuple[FloatArray, Polygons]:
     if not points or not faces:
         said = ", ".join(dict.fromkeys(intent for intent, _ in arrays.found)) or "nothing"
         raise MeshError(
-            f"holds no surface of points and triangles, but {said}: measures on a surface, whose "
+            f"contains no surface of points and triangles, but {said}: data on a surface, whose "
             "mesh is in another file (.surf.gii)."
         )
     if len(points) > 1 or len(faces) > 1:
-        raise MeshError("holds several surfaces. Save each in a file of its own.")
+        raise MeshError("contains several surfaces. Save each in its own file.")
     vertices = points[0].astype(np.float64)
     corners = whole(faces[0].astype(np.float64).ravel(), "a face")
     return vertices, _triangles(vertices, corners)
@@ -81,12 +83,12 @@ def read_gifti(content: bytes) -> tuple[FloatArray, Polygons]:
 
 def _triangles(vertices: FloatArray, corners: IntArray) -> Polygons:
     if not len(corners):
-        raise MeshError(f"holds {len(vertices)} vertices and no faces. Leave it out.")
+        raise MeshError(f"contains {len(vertices)} vertices and no faces. Leave it out.")
     return Polygons(corners, np.full(len(corners) // 3, 3))
 
 
 class _Arrays:
-    """The arrays of a GIFTI file, each with what it is meant for."""
+    """The arrays of a GIFTI file, each with its intent."""
 
     def __init__(self) -> None:
         self.found: list[tuple[str, Array]] = []
@@ -105,7 +107,9 @@ class _Arrays:
         try:
             parser.Parse(content, True)
         except expat.ExpatError as error:
-            raise MeshError(f"is no whole XML file ({error}): truncated, or damaged.") from None
+            raise MeshError(
+                f"is not a complete XML file ({error}): it is truncated or damaged."
+            ) from None
 
     def _start(self, tag: str, attributes: dict[str, str]) -> None:
         if tag == "DataArray":
@@ -129,12 +133,14 @@ class _Arrays:
 
 
 def _values(array: dict[str, str], text: str) -> Array:
-    """Return an array of three columns."""
+    """Return the values of an array with three columns."""
     encoding, kind = array.get("Encoding", ""), _TYPES.get(array.get("DataType", ""))
     if encoding == "ExternalFileBinary":
-        raise MeshError("keeps its numbers in another file. Save it with the data inside.")
+        raise MeshError("keeps its numbers in another file. Save it with embedded data.")
     if kind is None:
-        raise MeshError(f"holds numbers of type {array.get('DataType')!r}, which is not read.")
+        raise MeshError(
+            f"contains numbers of type {array.get('DataType')!r}, which is not supported."
+        )
     if encoding == "ASCII":
         values: Array = numbers_of(text.encode().split(), "a number")
     else:
@@ -142,16 +148,18 @@ def _values(array: dict[str, str], text: str) -> Array:
             body = base64.b64decode(text, validate=False)
             body = zlib.decompress(body) if encoding == "GZipBase64Binary" else body
         except (ValueError, zlib.error):
-            raise MeshError("holds data that cannot be unpacked: truncated, or damaged.") from None
+            raise MeshError(
+                "contains data that cannot be unpacked: it is truncated or damaged."
+            ) from None
         order = ">" if array.get("Endian") == "BigEndian" else "<"
         if len(body) % np.dtype(kind).itemsize:
-            raise MeshError("holds data that end within a number: truncated, or damaged.")
+            raise MeshError("contains data that end within a number: it is truncated or damaged.")
         values = np.frombuffer(body, order + kind)
     shape = (_count(array, "Dim0"), _count(array, "Dim1"))
     if shape[1] != 3 or shape[0] * 3 != values.size:
         raise MeshError(
-            f"says that it holds {shape[0]} rows of {shape[1]}, but holds {values.size} numbers: "
-            "it is truncated, or damaged."
+            f"declares {shape[0]} rows of {shape[1]} numbers, but contains {values.size} numbers: "
+            "it is truncated or damaged."
         )
     columns = array.get("ArrayIndexingOrder") == "ColumnMajorOrder"
     return values.reshape(shape, order="F" if columns else "C")
@@ -163,4 +171,4 @@ def _count(array: dict[str, str], name: str) -> int:
 
 
 def _no_entities(*_: Any) -> None:
-    raise MeshError("declares XML entities, as no GIFTI file does.")
+    raise MeshError("declares XML entities, which GIFTI files never do.")

@@ -1,19 +1,19 @@
-"""Names of files for shapes, whatever these are called."""
+"""Portable file names for shapes."""
 
 import hashlib
 
 __all__ = ["file_stem"]
 
-# Systems take 255 bytes, suffix included; what lies beside a mesh has longer suffixes.
+# File systems allow 255 bytes including the suffix; files beside a mesh have longer suffixes.
 _LONGEST = 200
 _FORBIDDEN = '/\\:*?"<>|'
 
 
 def file_stem(name: str) -> str:
-    """Return the name of a file, without suffix, that all systems take.
+    """Return a file name without suffix that is valid on all systems.
 
-    Characters that some have not are replaced by ``_``. A name that is too long is cut, and ends in
-    a hash of all of it, so that two that begin alike stay apart.
+    Characters that are not allowed everywhere are replaced by ``_``. A name that is too long is cut
+    and ends in a hash of the whole name, so that names with the same beginning stay distinct.
     """
     stem = "".join(c if c.isprintable() and c not in _FORBIDDEN else "_" for c in name)
     content = stem.encode()

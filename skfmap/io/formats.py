@@ -1,4 +1,4 @@
-"""Formats of meshes: those that are read, and those that are not."""
+"""Mesh formats that are read or written, and remedies for those that are not."""
 
 from collections.abc import Iterable
 from pathlib import Path
@@ -8,7 +8,7 @@ from skfmap.io.brains import FREESURFER_SUFFIXES
 __all__ = ["MESH_SUFFIXES", "READ_SUFFIXES", "WRITTEN_SUFFIXES", "remedy_for", "unread_formats"]
 
 MESH_SUFFIXES = (".off", ".obj", ".ply", ".stl")
-"""Formats that others are copies of for viewing, where both are there."""
+"""Primary formats; files of the same name in other formats are taken to be copies for viewing."""
 
 WRITTEN_SUFFIXES = (*MESH_SUFFIXES, ".glb", ".vtk", ".vtp")
 """Formats that are written."""
@@ -16,16 +16,17 @@ WRITTEN_SUFFIXES = (*MESH_SUFFIXES, ".glb", ".vtk", ".vtp")
 READ_SUFFIXES = (*MESH_SUFFIXES, ".glb", ".gltf", ".vtk", ".vtp", ".gii", *FREESURFER_SUFFIXES)
 """Formats that are read."""
 
-_PARAVIEW = "ParaView and 3D Slicer save it as PLY"
-_BLENDER = "Blender saves it as PLY or GLB"
-_CAD = "FreeCAD and Gmsh make it a mesh, and save that as PLY"
-_GMSH = "the command meshio convert makes it a PLY file"
-_MESHLAB = "MeshLab saves it as PLY"
+_PARAVIEW = "ParaView and 3D Slicer can save it as PLY"
+_BLENDER = "Blender can save it as PLY or GLB"
+_CAD = "FreeCAD and Gmsh can mesh it, and save the mesh as PLY"
+_GMSH = "the command meshio convert can convert it to PLY"
+_MESHLAB = "MeshLab can save it as PLY"
 
-# What other programs keep surfaces in, and how to get them out.
+# Formats of surfaces that are not read, and how to convert them.
 _REMEDIES = {
-    **dict.fromkeys((".vtm", ".vtu"), _PARAVIEW),
-    ".orig": "a surface of FreeSurfer is read where its name ends in .white, for instance",
+    **dict.fromkeys((".vtkhdf", ".vtm", ".vtu"), _PARAVIEW),
+    ".asc": "convert it to a FreeSurfer surface with mris_convert",
+    ".orig": "a FreeSurfer surface is read if its name ends in .white, for instance",
     **dict.fromkeys((".blend", ".dae", ".fbx", ".usd", ".usda", ".usdc", ".usdz"), _BLENDER),
     **dict.fromkeys((".iges", ".igs", ".step", ".stp"), _CAD),
     **dict.fromkeys((".mesh", ".msh", ".xdmf"), _GMSH),
@@ -38,19 +39,19 @@ _REMEDIES = {
 
 _PACKED = (".7z", ".bz2", ".gz", ".rar", ".xz", ".zip", ".zst")
 
-_MOST = 8  # names that a message lists
+_MOST = 8  # largest number of names listed in a message
 
 
 def remedy_for(suffix: str) -> str:
-    """Return how a mesh of a format that is not read comes into one that is, as a sentence."""
+    """Return a sentence that says how to convert a mesh in an unsupported format."""
     remedy = "unpack it first" if suffix in _PACKED else _REMEDIES.get(suffix)
     return f" {remedy[0].upper()}{remedy[1:]}." if remedy else ""
 
 
 def unread_formats(folder: Path, files: Iterable[Path], read: Iterable[Path]) -> str:
-    """Name the meshes among files whose format is not read, and say what to do; empty if none.
+    """Return a message that names meshes in unsupported formats; empty if there are none.
 
-    Those that are there in another format too are not missed.
+    Meshes that are also present in a supported format are not named.
     """
     stems = {path.stem for path in read}
     missed = sorted(
@@ -64,13 +65,13 @@ def unread_formats(folder: Path, files: Iterable[Path], read: Iterable[Path]) ->
     suffixes = sorted({Path(name).suffix.lower() for name in missed})
     remedies = dict.fromkeys(remedy_for(suffix) for suffix in suffixes)
     return (
-        f"{folder}: {', '.join(missed[:_MOST])}{rest} are left out, as {', '.join(suffixes)} is "
-        f"not read.{''.join(remedies)}"
+        f"{folder}: {', '.join(missed[:_MOST])}{rest} are left out, because {', '.join(suffixes)} "
+        f"is not read.{''.join(remedies)}"
     )
 
 
 def _is_unread(path: Path) -> bool:
-    """Tell whether a file is a mesh of another format, or a mesh that is packed."""
+    """Return whether a file is a mesh in an unsupported format, or a compressed mesh."""
     suffix = path.suffix.lower()
     inside = Path(path.stem).suffix.lower()
     return suffix in _REMEDIES or (
@@ -79,5 +80,5 @@ def _is_unread(path: Path) -> bool:
 
 
 def _stem(path: Path) -> str:
-    """Return the name of a mesh without its suffix, or suffixes where it is packed."""
+    """Return the name of a mesh without its suffix, or its suffixes if it is compressed."""
     return Path(path.stem).stem if path.suffix.lower() in _PACKED else path.stem

@@ -16,12 +16,12 @@ from skfmap.shapes import Landmarks
 
 __all__ = ["pts_of", "read_pts"]
 
-# Three times 9999 is a missing point in this format, and in no other.
+# In this format only, three times 9999 marks a missing point.
 _MISSING = (9999.0, -999.0, -9999.0)
 
 
 def read_pts(path: Path) -> ReadLandmarks:
-    """Read a ``.pts`` file: a version, a number of points, then a name and a position per line."""
+    """Read a ``.pts`` file: a version, a number of points, and a name and position per line."""
     lines = [
         (f"line {number}", line.strip())
         for number, line in enumerate(read_text(path), start=1)
@@ -30,8 +30,8 @@ def read_pts(path: Path) -> ReadLandmarks:
     where, head = lines[0]
     if not head.lower().startswith("version"):
         raise CorrespondenceError(
-            f"{path}, {where}: it begins with {head[:40]!r}, not with 'Version' as files of "
-            "Landmark Editor do. If it is a table of coordinates, name it .txt."
+            f"{path}, {where}: a file of Landmark Editor begins with 'Version', but this one "
+            f"begins with {head[:40]!r}. If it is a table of coordinates, rename it to .txt."
         )
     where, said = lines[1] if len(lines) > 1 else (where, "")
     if (count := as_count(said)) is None:
@@ -41,8 +41,8 @@ def read_pts(path: Path) -> ReadLandmarks:
     rows = [_row(path, where, line) for where, line in lines[2:]]
     if len(rows) != count:
         raise CorrespondenceError(
-            f"{path}, {where}: {count} points are said to follow, but there are {len(rows)}. Is "
-            "the file cut short?"
+            f"{path}, {where}: {count} points are declared, but {len(rows)} follow. The file may "
+            "be truncated; export it again."
         )
     return as_read(path, rows)
 
@@ -51,8 +51,8 @@ def _row(path: Path, where: str, line: str) -> PointRow:
     cells = line.rsplit(maxsplit=3)
     if len(cells) < 3:
         raise CorrespondenceError(
-            f"{path}, {where}: {line[:40]!r} is not a name with three coordinates. Write 9999 "
-            "three times for a missing landmark."
+            f"{path}, {where}: {line[:40]!r} is not a name with three coordinates. For a missing "
+            "landmark, write 9999 three times."
         )
     name = cells[0] if len(cells) == 4 else ""
     return PointRow(where, name, position(path, where, cells[-3:], _MISSING))

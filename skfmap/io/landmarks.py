@@ -1,4 +1,4 @@
-"""Reading and writing landmarks in the formats of those who place them."""
+"""Reading and writing of landmarks in the formats of common programs."""
 
 import unicodedata
 from collections.abc import Callable, Mapping
@@ -47,54 +47,55 @@ LANDMARK_SUFFIXES = tuple(_READERS)
 WRITTEN_LANDMARK_SUFFIXES = tuple(_WRITERS)
 """Formats that landmarks are written as."""
 
-# Line breaks and what no text holds.
+# Unicode categories of line breaks and of characters that text files cannot hold.
 _UNWRITABLE = ("Cc", "Cs", "Cn", "Zl", "Zp")
 
 
 def read_landmarks(
     path: str | Path, *, system: str | None = None, specimen: str | int | None = None
 ) -> Landmarks:
-    r"""Read landmarks from a file of 3D Slicer, MeshLab, tps, Landmark Editor, or from a table.
+    r"""Read landmarks from a file of 3D Slicer, MeshLab, tps or Landmark Editor, or from a table.
 
     ========================  =====================================================================
     ``.fcsv``, ``.mrk.json``  3D Slicer; points that were not placed are missing
     ``.pp``                   MeshLab (``_picked_points.pp``); inactive points are missing
     ``.tps``                  tps in three dimensions (``LM3=``); coordinates are multiplied by
-                              ``SCALE``, and points on curves left out
-    ``.pts``                  Landmark Editor; three times 9999 is missing
-    ``.csv .tsv .txt``        a head line with x, y, z and perhaps a name, or without it three
-                              columns, or four with the name first or last; separated by commas,
-                              semicolons, tabs or blanks; decimal commas where commas separate
-                              nothing
+                              ``SCALE``, and points on curves are left out
+    ``.pts``                  Landmark Editor; three times 9999 marks a missing point
+    ``.csv .tsv .txt``        a table with a header line that names x, y, z and optionally a name;
+                              or, without a header, three columns, or four with the name first or
+                              last. Columns are separated by commas, semicolons, tabs or blanks.
+                              Decimal commas are allowed if columns are not separated by commas.
     ========================  =====================================================================
 
-    In all of them three coordinates that are blank, NaN, NA, -999 or -9999 are a missing landmark,
-    which keeps its name. Those without a name are called by their number in the file, from 1.
+    In all formats, three coordinates that are blank, NaN, NA, -999 or -9999 mark a missing
+    landmark, which keeps its name. Landmarks without a name are named by their number in the file,
+    counted from 1.
 
     Parameters
     ----------
     path : str or Path
-        File to read. ``Landmarks.name`` is its stem without ``_Landmarks``, ``_LM`` and the like,
-        or the ``ID`` of a tps file.
+        File to read. ``Landmarks.name`` is its stem without endings such as ``_Landmarks`` or
+        ``_LM``, or the ``ID`` in a tps file.
     system : {"LPS", "RAS"}, optional
-        System of coordinates to return them in: x and y are negated where the file names the other
-        one. As written by default.
+        Coordinate system of the result: x and y are negated if the file states the other system.
+        By default, coordinates are returned as written.
     specimen : str or int, optional
-        Which specimen of a tps file that holds several: its ``ID``, or else its ``IMAGE`` without
-        suffix; or its number, from 0.
+        Specimen to read from a tps file with several: its ``ID``, or its ``IMAGE`` without suffix
+        if it has no ``ID``; or its index, counted from 0.
 
     Returns
     -------
     Landmarks
-        Those of the file, in its order.
+        Landmarks in the order of the file.
 
     Raises
     ------
     FileNotFoundError
-        If there is no such file.
+        If the file does not exist.
     CorrespondenceError
-        If the file cannot be read as landmarks, with the line and the remedy; if a name stands
-        twice; or if ``system`` is given and the file names none.
+        If the file cannot be read as landmarks (the message names the line and the remedy), a name
+        occurs twice, or ``system`` is given but the file does not state its system.
 
     Examples
     --------
@@ -111,17 +112,17 @@ def read_landmarks(
         return read.landmarks
     if read.system is None:
         raise CorrespondenceError(
-            f"{path} does not say whether it is in LPS or RAS, so that it cannot be turned to "
-            f"{system}. Leave system out to have the coordinates as written."
+            f"{path} does not say whether it is in LPS or RAS, so it cannot be converted to "
+            f"{system}. Leave system out to get the coordinates as written."
         )
     marks = read.landmarks
     return moved(marks, marks.points * [-1, -1, 1], marks.name)
 
 
 def open_landmarks(path: str | Path, specimen: str | int | None = None) -> ReadLandmarks:
-    """Return the landmarks of a file as written, their system, and what was done to them."""
+    """Return the landmarks of a file as written, their coordinate system, and conversions made."""
     if not isinstance(path, (str, Path)):
-        raise TypeError(f"Landmarks are read from a path; got {path!r}.")
+        raise TypeError(f"path must be the path of a landmark file; got {path!r}.")
     path = Path(path)
     suffix = _suffix(path, _READERS)
     if suffix is None:
@@ -134,38 +135,40 @@ def open_landmarks(path: str | Path, specimen: str | int | None = None) -> ReadL
     if suffix == ".tps":
         return read_tps(path, specimen)
     if specimen is not None:
-        raise ValueError(f"specimen={specimen!r} chooses from tps files; {path} is none.")
+        raise ValueError(
+            f"specimen={specimen!r} selects from a tps file, but {path} is not one. Leave it out."
+        )
     return _READERS[suffix](path)
 
 
 def write_landmarks(landmarks: Landmarks, path: str | Path, *, overwrite: bool = False) -> None:
-    """Write landmarks; the suffix of ``path`` chooses the format.
+    """Write landmarks to a file; the suffix of ``path`` selects the format.
 
-    All formats keep every digit, and missing landmarks in their own way. Expected errors and radii
-    go into columns of ``.csv``, and into the descriptions of 3D Slicer's points; the others cannot
-    hold them. ``.tps`` holds no names: its landmarks are numbered when they are read again. Files
-    of 3D Slicer say that their coordinates are LPS, as which it takes those of meshes.
+    All formats keep all digits, and each marks missing landmarks in its own way. Expected errors
+    and radii are written to columns of ``.csv`` and to the descriptions of points in 3D Slicer's
+    formats; other formats cannot hold them. ``.tps`` has no names: its landmarks are numbered when
+    they are read again. Files for 3D Slicer state LPS, the system in which it reads meshes.
 
     Parameters
     ----------
     landmarks : Landmarks
-        What to write.
+        Landmarks to write.
     path : str or Path
         File to write: .fcsv, .mrk.json, .pp, .tps, .pts or .csv.
     overwrite : bool, default=False
-        Whether a file that is there may be replaced.
+        Whether an existing file may be replaced.
 
     Raises
     ------
     FileExistsError
-        If there is such a file, and ``overwrite`` is False.
+        If the file exists and ``overwrite`` is False.
     FileNotFoundError
-        If there is no such folder.
+        If the folder does not exist.
     ValueError
-        If the suffix is another, or a name would not be read back: with blanks around it, with a
-        line break, or empty.
+        If the suffix is not supported, or a name could not be read back because it is empty, or
+        contains line breaks or surrounding blanks.
     TypeError
-        If they are no `Landmarks`.
+        If ``landmarks`` is not a `Landmarks`.
 
     Examples
     --------
@@ -178,7 +181,7 @@ def write_landmarks(landmarks: Landmarks, path: str | Path, *, overwrite: bool =
     [0.1, 0.0, 0.0]
     """
     if not isinstance(landmarks, Landmarks):
-        raise TypeError(f"skfmap.Landmarks are written; got {type(landmarks).__name__}.")
+        raise TypeError(f"landmarks must be skfmap.Landmarks; got {type(landmarks).__name__}.")
     path = Path(path)
     suffix = _suffix(path, _WRITERS)
     if suffix is None:
@@ -211,6 +214,6 @@ def _check_name(name: str, path: Path) -> None:
     odd = [c for c in name if unicodedata.category(c) in _UNWRITABLE]
     if not name or name != name.strip() or odd:
         raise ValueError(
-            f"The name {name!r} cannot be written to {path} and read again: names have no blanks "
-            "around them, are of one line, and are not empty. Rename it."
+            f"The name {name!r} cannot be written to {path} and read again: names must not be "
+            "empty, and must not contain line breaks or surrounding blanks. Rename it."
         )

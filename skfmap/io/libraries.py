@@ -1,4 +1,4 @@
-"""Meshes as other libraries hold them."""
+"""Conversion of meshes to the types of other libraries."""
 
 from typing import Any
 
@@ -8,7 +8,7 @@ __all__ = ["to_pyvista", "to_trimesh"]
 
 
 def to_trimesh(mesh: Mesh) -> Any:
-    """Return a mesh as a trimesh.Trimesh; nothing is merged, so that vertices keep their order."""
+    """Return a mesh as a trimesh.Trimesh; vertices are not merged and keep their order."""
     import trimesh  # noqa: PLC0415
 
     metadata = {} if mesh.name is None else {"name": mesh.name}

@@ -1,4 +1,4 @@
-"""Matches as other programs read them."""
+"""Writing of matches in the formats of other programs."""
 
 import csv
 import io
@@ -24,21 +24,21 @@ from skfmap.shapes import Landmarks, Match, Mesh
 __all__ = ["MATCH_SUFFIXES", "carried_landmarks", "read_image", "save_match"]
 
 MATCH_SUFFIXES = (".csv", ".npz", ".ply", ".glb", ".vtp", ".vtk", ".fcsv", ".mrk.json")
-"""What a match is saved as."""
+"""Formats in which a match can be saved."""
 
 _USUAL = (".csv", ".npz", ".ply", ".glb", ".vtp")
 _OF_LANDMARKS = (".fcsv", ".mrk.json")
 _HEADER = ("vertex", "reference_vertex", "expected_error", "confidence")
 _GREY = 0.72  # vertices without a match
-# Share of the reference's extent beyond which points are not its landmarks.
+# Largest plausible median distance of landmarks from the reference, as a fraction of its extent.
 _FAR = 0.1
-# Mean edges of a shape that the images of a face's corners may lie apart; beyond, the map tears
-# there, and a landmark follows its nearest corner.
+# Largest distance, in mean edge lengths, between the images of the corners of a face. If it is
+# exceeded, the map is torn there, and a landmark follows the corner with the largest weight.
 _TORN = 6.0
 
 
 class _Extras(NamedTuple):
-    """What goes into a file beside the match."""
+    """Optional contents of a file besides the match."""
 
     landmarks: Landmarks | None
     uv: FloatArray | None
@@ -54,16 +54,13 @@ def save_match(
     texture: Any = None,
     overwrite: bool = False,
 ) -> list[Path]:
-    """Write a match into a file, whose suffix chooses the format, or the usual ones into a folder.
-
-    `Match.save` says the rest.
-    """
+    """Write a match to a file, or in the usual formats to a folder; see `Match.save`."""
     extras = _Extras(landmarks, _checked_uv(match, uv, texture), read_image(texture))
     targets = _targets(match, Path(path), landmarks)
     there = [one for one in targets if one.exists()]
     if there and not overwrite:
         raise FileExistsError(
-            f"{there[0]} is there already; write to another, or pass overwrite=True."
+            f"{there[0]} already exists; write to another file, or pass overwrite=True."
         )
     contents = {target: _content(match, target, extras) for target in targets}
     targets[0].parent.mkdir(exist_ok=True)
@@ -76,18 +73,18 @@ def save_match(
 
 
 def _targets(match: Match, path: Path, landmarks: Landmarks | None) -> list[Path]:
-    """Return the files to write, which are in a folder where one is asked for."""
+    """Return the files to write, which are in a folder unless ``path`` is a file."""
     check_folder(path)
     if not path.is_dir() and path.suffix:
         if _suffix(path) is None:
             raise ValueError(
                 f"{path} has the suffix {path.suffix!r}; a match is saved as "
-                f"{', '.join(MATCH_SUFFIXES)}, or into a folder."
+                f"{', '.join(MATCH_SUFFIXES)}, or to a folder."
             )
         return [path]
     if path.is_file():
         raise NotADirectoryError(
-            f"{path} is a file; give a folder, or a name that ends as one of "
+            f"{path} is a file. Give a folder, or a name with one of the suffixes "
             f"{', '.join(MATCH_SUFFIXES)}."
         )
     stem = file_stem(match.name or "match")
@@ -105,9 +102,9 @@ def _content(match: Match, path: Path, extras: _Extras) -> bytes | Landmarks:
     if suffix in _OF_LANDMARKS:
         if extras.landmarks is None:
             raise ValueError(
-                f"{path} holds landmarks: give those of the reference, as "
-                "match.save(path, landmarks=skfmap.io.read_landmarks(...)). What a model has "
-                "learned of landmarks is asked by skfmap.predict_landmarks, and lies closer."
+                f"{path} is a landmark file. Give the landmarks of the reference: "
+                "match.save(path, landmarks=skfmap.io.read_landmarks(...)). If the model was "
+                "trained with landmarks, skfmap.predict_landmarks is more accurate."
             )
         return carried_landmarks(match, extras.landmarks)
     if suffix == ".csv":
@@ -125,7 +122,7 @@ def _content(match: Match, path: Path, extras: _Extras) -> bytes | Landmarks:
 
 
 def _table(match: Match) -> bytes:
-    """Return a line for each vertex; what is unknown is blank."""
+    """Return a CSV file with a line for each vertex; unknown values are blank."""
     columns = [
         _texts(values, len(match.p2p)) for values in (match.expected_error, match.confidence)
     ]
@@ -143,10 +140,10 @@ def _texts(values: FloatArray | None, n: int) -> list[str]:
 
 
 def _archive(match: Match) -> bytes:
-    """Return all numbers of a match as numpy.load reads them; what is None is left out."""
+    """Return an .npz file with all arrays of a match except those that are None."""
     names = (
         *("p2p", "expected_error", "confidence", "n_supporting", "inverse", "functional_map"),
-        *("reduced_map", "refined_map", "covered", "covered_probability"),
+        *("reduced_map", "refined_map", "covered", "covered_probability", "torn"),
     )
     arrays = {name: getattr(match, name) for name in names}
     arrays |= {name: getattr(match, name) for name in ("name", "reference_name", "reference_hash")}
@@ -164,7 +161,7 @@ def _archive(match: Match) -> bytes:
 
 
 def _arrays(match: Match) -> dict[str, Array]:
-    """Return what vertices hold, by name."""
+    """Return the arrays at the vertices, by name."""
     arrays: dict[str, Array | None] = {
         "reference_vertex": match.p2p,
         "expected_error": match.expected_error,
@@ -177,7 +174,7 @@ def _arrays(match: Match) -> dict[str, Array]:
 
 
 def _places(match: Match) -> FloatArray | None:
-    """Return where on the reference each vertex lies, NaN where nowhere."""
+    """Return the position of each vertex on the reference; NaN where there is no match."""
     if match.matrix is None:
         return None
     at = np.asarray(match.matrix @ match.reference_mesh.vertices)
@@ -186,13 +183,13 @@ def _places(match: Match) -> FloatArray | None:
 
 
 def _colours(match: Match) -> Array:
-    """Return the colours that are carried from the reference, as bytes of shape (n, 3)."""
+    """Return the colours carried over from the reference, as bytes of shape (n, 3)."""
     colours = np.vstack([colours_of_position(match.reference_mesh.vertices), [[_GREY] * 3]])
     return np.round(255 * np.clip(colours[match.p2p], 0, 1)).astype(np.uint8)
 
 
 def _ply(match: Match, mesh: Mesh) -> bytes:
-    """Return a PLY file: ``quality`` is MeshLab's scalar, and CloudCompare takes all of them."""
+    """Return a PLY file; MeshLab reads the scalar ``quality``, CloudCompare reads all scalars."""
     scalars: dict[str, tuple[str, Array | None]] = {
         "quality": ("<f4", match.expected_error),
         "scalar_confidence": ("<f4", match.confidence),
@@ -222,7 +219,7 @@ def _ply(match: Match, mesh: Mesh) -> bytes:
 
 
 def _glb(match: Match, mesh: Mesh, extras: _Extras) -> bytes:
-    """Return a GLB file with the colours of the match, or with the reference's texture."""
+    """Return a GLB file with the colours of the match or the texture of the reference."""
     import trimesh  # noqa: PLC0415
 
     if extras.uv is None:
@@ -236,14 +233,14 @@ def _glb(match: Match, mesh: Mesh, extras: _Extras) -> bytes:
 
 
 def _linear(colours: Array) -> Array:
-    """Return colours of sRGB (IEC 61966-2-1) as the linear ones that glTF's vertices have."""
+    """Convert sRGB colours (IEC 61966-2-1) to the linear colours that glTF vertices have."""
     share = colours / 255
     linear = np.where(share <= 0.04045, share / 12.92, ((share + 0.055) / 1.055) ** 2.4)
     return np.asarray(np.round(255 * linear))
 
 
 def read_image(texture: Any) -> Any:
-    """Return an image of PIL for the path of one, or for an image; None stays None."""
+    """Return a PIL image, given an image or the path of one; None stays None."""
     if texture is None:
         return None
     from PIL import Image  # noqa: PLC0415
@@ -251,9 +248,11 @@ def read_image(texture: Any) -> Any:
     if isinstance(texture, Image.Image):
         return texture
     if not isinstance(texture, (str, Path)):
-        raise TypeError(f"texture must be the path of an image; got {type(texture).__name__}.")
+        raise TypeError(
+            f"texture must be a PIL image or the path of an image; got {type(texture).__name__}."
+        )
     if not Path(texture).is_file():
-        raise FileNotFoundError(f"There is no image {texture}.")
+        raise FileNotFoundError(f"There is no image file {texture}.")
     with Image.open(texture) as image:
         return image.convert("RGB")
 
@@ -261,8 +260,8 @@ def read_image(texture: Any) -> Any:
 def _checked_uv(match: Match, uv: npt.ArrayLike | None, texture: Any) -> FloatArray | None:
     if (uv is None) != (texture is None):
         raise ValueError(
-            "Give uv and texture together: the texture coordinates of the reference's vertices "
-            "(skfmap.io.read_uv reads those of an OBJ file), and the image that they look up."
+            "Give both uv and texture: the texture coordinates of the reference's vertices "
+            "(skfmap.io.read_uv reads those of an OBJ file), and the image that they refer to."
         )
     if uv is None:
         return None
@@ -277,24 +276,24 @@ def _checked_uv(match: Match, uv: npt.ArrayLike | None, texture: Any) -> FloatAr
 
 
 def carried_landmarks(match: Match, landmarks: Landmarks) -> Landmarks:
-    """Return landmarks of the reference on the shape, put onto its surface.
+    """Transfer landmarks of the reference to the surface of the matched shape.
 
     Parameters
     ----------
     match : Match
-        Of the shape.
+        Match of the shape.
     landmarks : Landmarks
-        Of the reference, in the units and the system of its mesh.
+        Landmarks of the reference, in the units and the coordinate system of its mesh.
 
     Returns
     -------
     Landmarks
-        NaN where the match has no answer.
+        Landmarks on the shape; NaN where there is no match.
 
     Raises
     ------
     CorrespondenceError
-        If they lie far from the reference.
+        If the landmarks lie far from the reference.
     """
     if not isinstance(landmarks, Landmarks):
         raise TypeError(f"landmarks must be skfmap.Landmarks; got {type(landmarks).__name__}.")
@@ -306,15 +305,15 @@ def carried_landmarks(match: Match, landmarks: Landmarks) -> Landmarks:
         if np.median(found.distances) > _FAR * extent:
             raise CorrespondenceError(
                 f"The landmarks lie {np.median(found.distances):.3g} from the reference "
-                f"{label(reference.name)}, whose extent is {extent:.3g}: are they its own, in its "
-                "units and its system of coordinates (read_landmarks takes system='LPS')?"
+                f"{label(reference.name)}, whose extent is {extent:.3g}. Check that they belong to "
+                "it, in its units and coordinate system (read_landmarks takes system='LPS')."
             )
         points[placed] = _images(match, mesh, found.corners, found.weights)
     return Landmarks(points, landmarks.names, name=match.name)
 
 
 def _images(match: Match, mesh: Mesh, corners: IntArray, weights: FloatArray) -> FloatArray:
-    """Return points on a shape for places on the reference; NaN where there is no match."""
+    """Return the points on a shape that match places on the reference; NaN where there is none."""
     images = match.inverse[corners]
     at = np.where(images[..., None] >= 0, mesh.vertices[images], np.nan)
     nearest = np.take_along_axis(at, weights.argmax(axis=1)[:, None, None], axis=1)[:, 0]

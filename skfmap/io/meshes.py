@@ -1,9 +1,10 @@
-"""Reading and writing meshes; vertices keep their order.
+"""Reading and writing of meshes; vertices keep their order.
 
-Trimesh is imported when a file is read or written, not before.
+Trimesh is only imported when it is needed.
 """
 
 import math
+import os
 import sys
 from collections.abc import Sequence
 from pathlib import Path
@@ -52,19 +53,19 @@ __all__ = [
     "write_mesh",
 ]
 
-# What single precision may lose of the extent of a mesh: about a hundredth of a mean edge of 5,000
-# vertices. Its seven digits do so where a mesh is 1,700 times its extent away from the origin.
+# Largest rounding error in single precision, as a fraction of the extent of a mesh: about 1 % of
+# the mean edge with 5,000 vertices. It is reached at 1,700 times the extent from the origin.
 _MOST_LOST = 1e-4
 
-# What files of any name may be, by how they begin.
+# Contents that any file may have instead of a mesh, by their first bytes.
 _NO_MESHES = {
-    b"\x1f\x8b": "packed (gzip). Unpack it first.",
-    b"pk\x03\x04": "packed (zip). Unpack it first.",
-    b"bzh": "packed (bzip2). Unpack it first.",
-    b"\xfd7zxz": "packed (xz). Unpack it first.",
-    b"version https://git-lfs": "a pointer of Git LFS in place of the mesh. Run git lfs pull.",
-    b"<!doctype html": "a page of the web. Download the file itself.",
-    b"<html": "a page of the web. Download the file itself.",
+    b"\x1f\x8b": "compressed (gzip). Unpack it first.",
+    b"pk\x03\x04": "compressed (zip). Unpack it first.",
+    b"bzh": "compressed (bzip2). Unpack it first.",
+    b"\xfd7zxz": "compressed (xz). Unpack it first.",
+    b"version https://git-lfs": "a Git LFS pointer instead of the mesh. Run git lfs pull.",
+    b"<!doctype html": "a web page. Download the file itself.",
+    b"<html": "a web page. Download the file itself.",
 }
 _HEAD = 64
 
@@ -80,7 +81,7 @@ _OWN_READERS = {
 
 
 class TrimeshLike(Protocol):
-    """What is read of a trimesh.Trimesh."""
+    """The attributes of a trimesh.Trimesh that are used."""
 
     @property
     def vertices(self) -> FloatArray:
@@ -92,23 +93,24 @@ class TrimeshLike(Protocol):
 
     @property
     def metadata(self) -> dict[str, Any] | None:
-        """May hold a name."""
+        """Metadata, which may contain a name."""
 
 
 MeshLike: TypeAlias = Mesh | SkippedShape | TrimeshLike | Sequence[npt.ArrayLike] | str | Path
-"""A mesh as users hold it, or one that was skipped; sequences are (vertices, faces) pairs."""
+"""Types accepted as a mesh, or a skipped shape; sequences are (vertices, faces) pairs."""
 
 
 def read_mesh(path: str | Path) -> Mesh:
     """Read a mesh from a file; vertices keep their number and their order.
 
-    OFF, OBJ, PLY, STL, GLB, GLTF, surfaces of VTK (.vtk, .vtp), and those of brains: GIFTI
-    (.surf.gii), and FreeSurfer's (.pial, .white and others) in its surface coordinates.
+    Supported formats are OFF, OBJ, PLY, STL, GLB, GLTF, VTK surfaces (.vtk, .vtp), and brain
+    surfaces: GIFTI (.surf.gii), and FreeSurfer (.pial, .white and others) in its surface
+    coordinates.
 
-    STL files have no vertex numbers: there, corners at exactly one position become one vertex,
-    numbered by first appearance. Faces of more than three corners are cut into triangles that cover
-    the same area, convex ones or not; texture coordinates and normals split no vertices. Text may
-    be in UTF-16 with its byte order mark.
+    STL files store no shared vertices: corners at exactly the same position become one vertex,
+    numbered by first occurrence. Faces with more than three corners, convex or not, are cut into
+    triangles that cover the same area. Texture coordinates and normals do not split vertices. Text
+    files may be in UTF-16 with a byte order mark.
 
     Parameters
     ----------
@@ -123,14 +125,15 @@ def read_mesh(path: str | Path) -> Mesh:
     Raises
     ------
     FileNotFoundError
-        If there is no such file.
+        If the file does not exist.
     MeshError
         If the file cannot be read as a triangle mesh, or the reader lost or added vertices.
 
     Warns
     -----
     RepairWarning
-        If polygons cross themselves, so that nobody knows what they cover. They are left out.
+        If faces are polygons that cross themselves. These have no defined interior and are left
+        out.
     """
     return Mesh(*read_arrays(path), name=Path(path).stem)
 
@@ -138,31 +141,19 @@ def read_mesh(path: str | Path) -> Mesh:
 def read_arrays(path: str | Path) -> tuple[FloatArray, IntArray]:
     """Return the vertices and faces of a file as stored, whether they are a sound mesh or not."""
     if not isinstance(path, (str, Path)):
-        raise TypeError(f"A mesh is read from a path; got {path!r}.")
+        raise TypeError(f"path must be the path of a mesh file; got {path!r}.")
     path = Path(path)
-    suffix = path.suffix.lower()
-    if suffix not in READ_SUFFIXES:
-        raise MeshError(
-            f"{path} has the suffix {suffix!r}; skfmap reads {', '.join(READ_SUFFIXES)}."
-            f"{remedy_for(suffix)}"
-        )
-    if not path.is_file():
-        home = f" Write {path.expanduser()}." if str(path).startswith("~") else ""
-        raise FileNotFoundError(f"There is no mesh file {path}.{home}")
-    content = path.read_bytes()
-    if not content.strip():
-        raise MeshError(f"{path} is empty. Export the mesh again, or remove the file.")
-    for begin, what in _NO_MESHES.items():
-        if content[:_HEAD].lstrip().lower().startswith(begin):
-            raise MeshError(f"{path} cannot be read: it is {what}")
+    content, suffix = _content_of(path), path.suffix.lower()
     try:
         if suffix in _OWN_READERS:
             vertices, polygons = _OWN_READERS[suffix](content)
             if (polygons.counts < 0).any() or polygons.counts.sum() != len(polygons.corners):
-                raise MeshError("has faces whose numbers of corners do not add up: it is damaged.")
+                raise MeshError(
+                    "has faces whose numbers of corners do not add up: the file is damaged."
+                )
             faces, crossing = triangulate(vertices, *polygons)
         else:
-            # glTF may keep its numbers in files beside it.
+            # A .gltf file may store its numbers in other files beside it.
             vertices, faces = read_stl(content) if suffix == ".stl" else read_gltf(path, content)
             crossing = faces[:0, 0]
     except MeshError as error:
@@ -170,23 +161,47 @@ def read_arrays(path: str | Path) -> tuple[FloatArray, IntArray]:
     except Exception as error:
         said = str(error).rstrip(".")
         raise MeshError(
-            f"{path} cannot be read: it is damaged, or not of the format that its name says "
+            f"{path} cannot be read: it is damaged, or not in the format of its suffix "
             f"({type(error).__name__}: {said})."
         ) from error
     if len(crossing):
         warn(
-            f"{path} has {len(crossing)} faces that cross themselves, the first is face "
-            f"{crossing[0]}. What they cover cannot be known, and they are left out; cut them into "
-            "triangles before saving.",
+            f"{path} has {len(crossing)} faces that cross themselves; the first is face "
+            f"{crossing[0]}. They have no defined interior and are left out. To keep them, cut "
+            "them into triangles before saving.",
             RepairWarning,
         )
     return np.asarray(vertices, dtype=np.float64), faces.astype(np.int64)
 
 
-def as_far_as_sound(vertices: FloatArray, faces: IntArray, name: str) -> tuple[Mesh, str]:
-    """Return a mesh of the faces that are sound, and what was done; vertices keep their numbers.
+def _content_of(path: Path) -> bytes:
+    """Return the bytes of a mesh file; raise where it is none, by its name or by how it begins."""
+    suffix = path.suffix.lower()
+    if suffix not in READ_SUFFIXES:
+        if (bare := str(path).strip("\"' \t\r\n")) != str(path):
+            raise MeshError(f"{str(path)!r} has blanks or quotes around it; give {bare!r}.")
+        raise MeshError(
+            f"{path} has the suffix {suffix!r}; skfmap reads {', '.join(READ_SUFFIXES)}."
+            f"{remedy_for(suffix)}"
+        )
+    if not path.is_file():
+        at_home = os.path.expanduser(path)  # which raises nothing for a user that is unknown
+        remedy = f" Write {at_home}." if at_home != str(path) else ""
+        raise FileNotFoundError(f"There is no mesh file {path}.{remedy}")
+    content = path.read_bytes()
+    if not content.strip():
+        raise MeshError(f"{path} is empty. Export the mesh again, or remove the file.")
+    for begin, what in _NO_MESHES.items():
+        if content[:_HEAD].lstrip().lower().startswith(begin):
+            raise MeshError(f"{path} cannot be read: it is {what}")
+    return content
 
-    Vertices without finite coordinates belong to no face then, and move to the centre of the rest.
+
+def as_far_as_sound(vertices: FloatArray, faces: IntArray, name: str) -> tuple[Mesh, str]:
+    """Return a mesh with only the sound faces, and a description of what was done.
+
+    Vertices keep their indices. Those without finite coordinates belong to no face; they are moved
+    to the centre of the others.
     """
     finite, sound = is_finite(vertices), sound_faces(vertices, faces)
     n_faces, n_vertices = int((~sound).sum()), int((~finite).sum())
@@ -194,41 +209,42 @@ def as_far_as_sound(vertices: FloatArray, faces: IntArray, name: str) -> tuple[M
         return Mesh(vertices, faces, name), ""
     if not sound.any():
         raise MeshError(
-            f"Nothing is left of {label(name)}: no face names three vertices with finite "
-            "coordinates. Leave it out."
+            f"Nothing is left of {label(name)}: no face has three different vertices with "
+            "finite coordinates. Leave it out."
         )
     points = np.where(finite[:, None], vertices, vertices[finite].mean(axis=0))
     done = (
-        f"left out {n_faces} faces that were not triangles, led nowhere or had unusable vertices "
-        f"({n_vertices} vertices with NaN or infinite coordinates)"
+        f"left out {n_faces} faces that were degenerate or had invalid indices or unusable "
+        f"vertices ({n_vertices} vertices with NaN or infinite coordinates)"
     )
     return Mesh(points, faces[sound], name), done
 
 
 def write_mesh(mesh: Mesh | Registered, path: str | Path) -> None:
-    """Write a mesh; the suffix of ``path`` chooses the format.
+    """Write a mesh to a file; the suffix of ``path`` selects the format.
 
-    OFF and OBJ keep sixteen digits of the largest coordinate, whatever its unit, VTK and VTP all.
-    PLY, STL and GLB hold single precision, some seven digits. STL loses the numbering.
+    OFF and OBJ keep 16 digits of the largest coordinate, whatever its unit; VTK and VTP keep all
+    digits. PLY, STL and GLB have single precision, about 7 digits. STL loses the order of the
+    vertices.
 
     Parameters
     ----------
     mesh : Mesh or Registered
-        The mesh, or one of those that `skfmap.register` returns. Vertices and faces are written,
-        and nothing else: no colours, no texture coordinates.
+        A mesh, or an item returned by `skfmap.register`. Only vertices and faces are written, but
+        no colours or texture coordinates.
     path : str or Path
         File to write: .off, .obj, .ply, .stl, .glb, .vtk or .vtp.
 
     Raises
     ------
     ValueError
-        If the suffix is another, or if single precision cannot hold the mesh.
+        If the suffix is not supported, or single precision cannot represent the mesh.
     FileNotFoundError
-        If there is no such folder.
+        If the folder does not exist.
     TypeError
-        If it is neither.
+        If ``mesh`` has another type.
     MeshError
-        If the shape of a `Registered` was left out, so that there is no mesh.
+        If the shape of a `Registered` was skipped, so that there is no mesh.
 
     Examples
     --------
@@ -243,9 +259,12 @@ def write_mesh(mesh: Mesh | Registered, path: str | Path) -> None:
     if isinstance(mesh, Registered):
         mesh = mesh.mesh
     if not isinstance(mesh, Mesh):
-        remedies = {list: " Write those of a list one by one.", tuple: " Mesh(*pair) makes one."}
+        remedies = {
+            list: " Write the meshes of a list one by one.",
+            tuple: " Use Mesh(*pair) to make one.",
+        }
         raise TypeError(
-            "write_mesh takes one skfmap.Mesh, or one of what skfmap.register returns; got "
+            "mesh must be a skfmap.Mesh, or an item returned by skfmap.register; got "
             f"{type(mesh).__name__}.{remedies.get(type(mesh), '')}"
         )
     suffix = Path(path).suffix.lower()
@@ -264,19 +283,19 @@ def write_mesh(mesh: Mesh | Registered, path: str | Path) -> None:
         check_single_precision(mesh, path)
         options = {}
     else:
-        # The writer takes a number of decimals, not of digits, of which a float has sixteen.
+        # The writer takes a number of decimals; it is chosen to give 16 significant digits.
         largest = float(np.abs(mesh.vertices).max())
         options = {"digits": max(0, 16 - math.floor(math.log10(largest))) if largest > 0 else 0}
     trimesh.Trimesh(mesh.vertices, mesh.faces, process=False).export(path, **options)
 
 
 def check_single_precision(mesh: Mesh, path: str | Path) -> None:
-    """Raise a ValueError if single precision cannot hold a mesh that is to be written."""
+    """Raise a ValueError if single precision cannot represent a mesh."""
     with np.errstate(all="ignore"):
         lost = np.abs(mesh.vertices.astype(np.float32).astype(np.float64) - mesh.vertices).max()
     if not lost <= _MOST_LOST * np.ptp(mesh.vertices, axis=0).max():
         raise ValueError(
-            f"{path} would hold {mesh!r} in single precision, which loses its shape: it is too "
+            f"{path} would store {mesh!r} in single precision, which distorts its shape: it is too "
             "large, too small, or too far from the origin for its size. Write it as OFF, or move "
             "and scale it."
         )
@@ -291,8 +310,8 @@ def as_mesh(item: MeshLike, index: int | None = None) -> Mesh:
     if isinstance(item, SkippedShape):
         where = "" if index is None else f"X[{index}], "
         raise MeshError(
-            f"{where}{label(item.name, 'shape')} was left out before: {item.reason} Leave it out "
-            "here too; SpectralBasis(on_invalid='skip') passes it on."
+            f"{where}{label(item.name, 'shape')} was skipped before: {item.reason} Leave it out "
+            "here too, or use SpectralBasis(on_invalid='skip'), which passes it on."
         )
     name = None if index is None else f"shape {index}"
     if _is_trimesh(item):
@@ -309,14 +328,14 @@ def as_mesh(item: MeshLike, index: int | None = None) -> Mesh:
 
 
 def as_meshes(X: Sequence[MeshLike]) -> list[Mesh]:
-    """Return the meshes of ``X``; raise for one bare mesh, (vertices, faces) pair or path."""
+    """Return the items of ``X`` as meshes; raise an error if ``X`` is a single mesh."""
     return [as_mesh(item, i) for i, item in enumerate(check_meshes(X))]
 
 
 def as_arrays(item: MeshLike, index: int | None = None) -> Mesh | tuple[FloatArray, IntArray]:
-    """Return the vertices and faces of a mesh, sound or not; a `Mesh`, which is, as it is.
+    """Return the vertices and faces of a mesh, which need not be sound; a `Mesh` as it is.
 
-    What has no vertices and faces of the right kind at all is an error, as for `as_mesh`.
+    Other types raise the errors of `as_mesh`.
     """
     if isinstance(item, (Mesh, SkippedShape)):
         return as_mesh(item, index)
@@ -328,7 +347,7 @@ def as_arrays(item: MeshLike, index: int | None = None) -> Mesh | tuple[FloatArr
     elif isinstance(item, (tuple, list)) and len(item) == 2:
         vertices, faces = cast("tuple[FloatArray, IntArray]", item)
     else:
-        as_mesh(item, index)  # says what it is
+        as_mesh(item, index)  # raises the error
     points = as_reals(vertices, f"The vertices of {who}", MeshError)
     triangles = as_array(faces, f"The faces of {who}", MeshError)
     points = points.reshape(0, 3) if points.size == 0 else points
@@ -344,10 +363,10 @@ def as_arrays(item: MeshLike, index: int | None = None) -> Mesh | tuple[FloatArr
 
 
 def open_given(given: GivenMesh) -> Mesh | tuple[FloatArray, IntArray]:
-    """Return the mesh that a shape came as; a MeshError where it is another by now, or gone."""
+    """Open a given mesh; raise a MeshError if it is not available or has changed."""
     if given.source is None:
         raise MeshError(
-            f"The mesh that {label(given.name)} came as is not kept. Transform it again."
+            f"The given mesh of {label(given.name, 'shape')} was not kept. Transform it again."
         )
     mesh = as_arrays(given.source)
     vertices, faces = (mesh.vertices, mesh.faces) if isinstance(mesh, Mesh) else mesh
@@ -361,17 +380,17 @@ def open_given(given: GivenMesh) -> Mesh | tuple[FloatArray, IntArray]:
 
 
 def check_meshes(X: Sequence[MeshLike]) -> list[MeshLike]:
-    """Return the items of ``X``; raise for one bare mesh, (vertices, faces) pair or path."""
+    """Return the items of ``X`` as a list; raise an error if ``X`` is a single mesh."""
     if isinstance(X, (Mesh, str, Path)) or _is_trimesh(X) or _is_bare_pair(X):
         raise TypeError(
-            f"X must be a sequence of meshes; got one mesh ({type(X).__name__}). Wrap it in a "
-            "list: [X]."
+            f"X must be a sequence of meshes; got a single mesh ({type(X).__name__}). Wrap it in "
+            "a list: [X]."
         )
     return list(check_samples(X, "meshes"))
 
 
 def named(item: MeshLike, index: int) -> str | None:
-    """Return the name that `as_mesh` gives, without looking at the mesh."""
+    """Return the name that `as_mesh` would give, without reading the mesh."""
     if isinstance(item, (str, Path)):
         return Path(item).stem
     if isinstance(item, (Mesh, SkippedShape)):
@@ -381,7 +400,7 @@ def named(item: MeshLike, index: int) -> str | None:
 
 
 def n_vertices_of(item: MeshLike) -> int:
-    """Return the number of vertices of a mesh, sound or not; 0 where it cannot be told."""
+    """Return the number of vertices of a mesh, sound or not; 0 if it is not known."""
     if isinstance(item, SkippedShape):
         return item.n_vertices
     if isinstance(item, (str, Path)):
@@ -397,16 +416,16 @@ def n_vertices_of(item: MeshLike) -> int:
 
 
 def _is_trimesh(item: object) -> TypeGuard[TrimeshLike]:
-    """Return whether this is a trimesh.Trimesh, without importing trimesh, which takes a while.
+    """Return whether an object is a trimesh.Trimesh, without importing trimesh, which is slow.
 
-    Whoever has one has imported it.
+    If trimesh has not been imported, there can be no such object.
     """
     trimesh = sys.modules.get("trimesh")
     return trimesh is not None and isinstance(item, trimesh.Trimesh)
 
 
 def _is_bare_pair(X: object) -> bool:
-    """Return whether this is (vertices, faces), the second a table of whole numbers."""
+    """Return whether ``X`` is a single (vertices, faces) pair, with faces an integer array."""
     if not isinstance(X, Sequence) or isinstance(X, (str, bytes)) or len(X) != 2:
         return False
     if isinstance(X[0], (Mesh, str, Path)) or _is_trimesh(X[0]):

@@ -17,10 +17,10 @@ _INACTIVE = ("0", "false")
 
 
 def read_pp(path: Path) -> ReadLandmarks:
-    """Read points that were picked in MeshLab; those that are not active are missing."""
+    """Read points that were picked in MeshLab; inactive points are missing."""
     rows: list[PointRow] = []
     outermost: list[str] = []
-    # Decoded before; what the declaration says of the encoding no longer holds.
+    # The text is already decoded, so its encoding declaration no longer applies.
     parser = expat.ParserCreate("utf-8")
 
     def start(tag: str, attributes: dict[str, str]) -> None:
@@ -29,10 +29,10 @@ def read_pp(path: Path) -> ReadLandmarks:
             rows.append(_point(path, f"line {parser.CurrentLineNumber}", attributes))
 
     def refuse(*_: Any) -> NoReturn:
-        # MeshLab declares none, and few lines of them can fill the memory.
+        # MeshLab declares no entities, and a few lines of them can fill the memory.
         raise CorrespondenceError(
-            f"{path}, line {parser.CurrentLineNumber}: it declares entities, which points of "
-            "MeshLab have none of. Where is it from?"
+            f"{path}, line {parser.CurrentLineNumber}: it declares XML entities, which files of "
+            "MeshLab never do. Save the points again in MeshLab."
         )
 
     parser.StartElementHandler = start
@@ -41,13 +41,13 @@ def read_pp(path: Path) -> ReadLandmarks:
         parser.Parse("\n".join(read_text(path)).encode("utf-8"), True)
     except expat.ExpatError as error:
         raise CorrespondenceError(
-            f"{path}, line {error.lineno}: {expat.ErrorString(error.code)}, so that it is no "
-            "XML as MeshLab writes it. Is the file whole? Save the points again."
+            f"{path}, line {error.lineno}: {expat.ErrorString(error.code)}, so it is not valid "
+            "XML. The file may be truncated; save the points again in MeshLab."
         ) from None
     if outermost[:1] != ["PickedPoints"]:
         raise CorrespondenceError(
-            f"{path} begins with <{outermost[0]}>, not with <PickedPoints> as points of MeshLab do."
-            " Save them with 'PickPoints' in MeshLab."
+            f"{path} begins with <{outermost[0]}>, but files of picked points begin with "
+            "<PickedPoints>. Save the points with 'PickPoints' in MeshLab."
         )
     return as_read(path, rows)
 

@@ -1,4 +1,4 @@
-"""Numbers in mesh files: tables and lists, as text and as bytes."""
+"""Numbers in mesh files: tables and lists of faces, as text."""
 
 from collections.abc import Sequence
 from typing import NamedTuple
@@ -18,7 +18,7 @@ __all__ = [
     "whole",
 ]
 
-# Byte order marks; that of UTF-32 begins like that of UTF-16, and comes first.
+# Byte order marks. That of UTF-32 begins like that of UTF-16, so it comes first.
 _MARKS = (
     (b"\xef\xbb\xbf", "utf-8"),
     (b"\xff\xfe\x00\x00", "utf-32-le"),
@@ -27,37 +27,37 @@ _MARKS = (
     (b"\xfe\xff", "utf-16-be"),
 )
 
-_LARGEST = 2**53  # whole numbers beyond are not exact as floats, which text is read as
+_LARGEST = 2**53  # text is read as floats, in which larger integers are not exact
 
-_SHOWN = 60  # letters of a line that a message quotes
+_SHOWN = 60  # largest number of characters of a line quoted in a message
 
 
 class Polygons(NamedTuple):
-    """Faces of any number of corners, as `skfmap.geometry.polygons.triangulate` takes them."""
+    """Faces with any number of corners, as `skfmap.geometry.polygons.triangulate` expects them."""
 
     corners: IntArray
     counts: IntArray
 
 
 def as_text(content: bytes) -> bytes:
-    """Return the content of a text file in UTF-8; the byte order mark tells what it is in.
+    """Convert the content of a text file to UTF-8, given its byte order mark.
 
     Raises
     ------
     MeshError
-        If it is text of two bytes a letter without a mark, or not what its mark says.
+        If the content is UTF-16 without a byte order mark, or does not match its mark.
     """
     for mark, encoding in _MARKS:
         if content.startswith(mark):
             body = content.removeprefix(mark)
             if encoding == "utf-8":
-                return body  # comments may be in anything
+                return body  # comments may be in any encoding
             try:
                 return body.decode(encoding).encode()
             except UnicodeDecodeError:
                 raise MeshError(
-                    f"begins as {encoding.upper()} text, but is not: damaged, or cut short. Save "
-                    "it as UTF-8."
+                    f"begins as {encoding.upper()} text, but is not valid: it is damaged or "
+                    "truncated. Save it as UTF-8."
                 ) from None
     head = content[:64]
     if len(head) > 8 and any(set(head[i::2]) == {0} and 0 not in head[1 - i :: 2] for i in (0, 1)):
@@ -66,7 +66,7 @@ def as_text(content: bytes) -> bytes:
 
 
 def table_of_lines(lines: Sequence[bytes], columns: Sequence[int], what: str) -> FloatArray:
-    """Return numbers in these columns of each line, shape (n_lines, n_columns)."""
+    """Return the numbers in some columns of each line, of shape (n_lines, n_columns)."""
     if not lines:
         return np.empty((0, len(columns)))
     text = [line.decode("latin-1") for line in lines]
@@ -74,20 +74,20 @@ def table_of_lines(lines: Sequence[bytes], columns: Sequence[int], what: str) ->
         return np.loadtxt(text, usecols=list(columns), comments=None, ndmin=2, dtype=np.float64)
     except ValueError:
         pass
-    for line in text:  # which one it is
+    for line in text:  # find the faulty line
         words = line.split()
         try:
             [float(words[column]) for column in columns]
         except (ValueError, IndexError):
             raise MeshError(
-                f"has {what} that is no {len(columns)} numbers: {line.strip()[:_SHOWN]!r}. Is it "
-                "cut short, or damaged?"
+                f"has {what} that is not {len(columns)} numbers: {line.strip()[:_SHOWN]!r}. The "
+                "file is truncated or damaged."
             ) from None
     raise MeshError(f"has {what} that is not a row of numbers.")
 
 
 def numbers_of(words: Sequence[bytes], what: str) -> FloatArray:
-    """Return numbers, wherever lines end."""
+    """Return words as numbers."""
     try:
         return np.array([float(word) for word in words])
     except ValueError:
@@ -102,7 +102,7 @@ def numbers_of(words: Sequence[bytes], what: str) -> FloatArray:
 
 
 def whole(values: FloatArray, what: str) -> IntArray:
-    """Return whole numbers as such."""
+    """Return floats that must be whole numbers as integers."""
     with np.errstate(invalid="ignore"):
         wrong = ~((values == np.round(values)) & (np.abs(values) <= _LARGEST))
     if wrong.any():
@@ -111,15 +111,15 @@ def whole(values: FloatArray, what: str) -> IntArray:
 
 
 def polygons_of_lines(lines: Sequence[bytes]) -> Polygons:
-    """Return the faces of lines that say how many corners follow; what comes behind is left out."""
+    """Return the faces of lines that begin with the number of corners; ignore what follows them."""
     heads = [line.split(maxsplit=1)[0] if line.strip() else b"" for line in lines]
     for line, head in zip(lines, heads, strict=True):
         if not head.isdigit():
             raise MeshError(
                 "has a face that does not begin with its number of corners: "
-                f"{_quoted(line)}. Is it damaged?"
+                f"{_quoted(line)}. The file is damaged."
             )
-        if len(head) > 9 or int(head) > len(line):  # before memory is asked for
+        if len(head) > 9 or int(head) > len(line):  # before memory is allocated
             raise _cut_short(line, head.decode())
     counts = np.array([int(head) for head in heads], dtype=np.int64)
     start = np.cumsum(counts) - counts
@@ -148,7 +148,7 @@ def _corners(lines: Sequence[bytes], n: int) -> IntArray:
 
 
 def _cut_short(line: bytes, said: str) -> MeshError:
-    return MeshError(f"has a face that is cut short: {_quoted(line)} says {said} vertices.")
+    return MeshError(f"has a truncated face: {_quoted(line)} declares {said} vertices.")
 
 
 def _quoted(line: bytes) -> str:
@@ -156,10 +156,10 @@ def _quoted(line: bytes) -> str:
 
 
 def strips_as_polygons(strips: Polygons) -> Polygons:
-    """Return the triangles of strips, in which each vertex makes one with the two before it.
+    """Return the triangles of strips, in which each vertex forms one with the two before it.
 
-    Every other one is turned. -1 begins a new strip, and a vertex that is there twice only leads to
-    the next part.
+    Every other triangle is reversed, to orient all alike. -1 begins a new strip. Repeated vertices
+    give degenerate triangles, which are left out.
     """
     values = strips.corners
     begins = np.zeros(len(values) + 1, dtype=bool)

@@ -1,4 +1,4 @@
-"""OBJ files: vertices and polygons as text; normals and materials are left out."""
+"""OBJ files: vertices, polygons and texture coordinates; normals and materials are ignored."""
 
 import re
 from pathlib import Path
@@ -11,16 +11,16 @@ from skfmap.io.numbers import Polygons, as_text, table_of_lines
 
 __all__ = ["read_obj", "read_uv"]
 
-# Lines of vertices and faces end with a backslash where they go on. Elsewhere it is the end of a
-# path, and the next line is one of its own.
+# A backslash at the end of a line of vertices or faces continues it in the next line. Elsewhere it
+# may be the end of a path, and continues nothing.
 _CONTINUED = re.compile(rb"\\[ \t]*\n")
 _GEOMETRY = re.compile(rb"^[ \t]*(?:vt?|fo?)[ \t](?:[^#\n]*\\[ \t]*\n)+", re.MULTILINE)
-# Surfaces that are no polygons.
+# Keywords of surfaces that are not polygons.
 _FREE_FORM = {b"curv", b"curv2", b"surf"}
 
 
 def _lines(content: bytes) -> list[bytes]:
-    """Return the lines of a text, those that go on in the next as one."""
+    """Return the lines of a text, with continued lines joined."""
     text = as_text(content)
     if b"\\" not in text:
         return text.splitlines()
@@ -29,15 +29,15 @@ def _lines(content: bytes) -> list[bytes]:
 
 
 def read_obj(content: bytes) -> tuple[FloatArray, Polygons]:
-    """Return the vertices and faces of an OBJ file; it counts from 1, and back from its end.
+    """Return the vertices and faces of an OBJ file.
 
-    What follows the three coordinates of a vertex (a weight, a colour) and its number in a face
-    (texture, normal) is left out.
+    Vertex numbers count from 1; negative numbers count back from the last vertex. Weights and
+    colours of vertices, and texture coordinates and normals of faces, are ignored.
 
     Raises
     ------
     MeshError
-        If it is no such file; the message goes on behind its name.
+        If the content cannot be read. The message continues a sentence that begins with the path.
     """
     points: list[bytes] = []
     corners: list[int] = []
@@ -55,35 +55,36 @@ def read_obj(content: bytes) -> tuple[FloatArray, Polygons]:
         curved |= words[0] in _FREE_FORM
     if not counts:
         what = (
-            "curved surfaces, which are not polygons: save it as polygons"
+            "it has curved surfaces, which are not polygons. Save it as polygons"
             if curved
-            else "a cloud of points, or a file that was cut short"
+            else "it is a point cloud, or truncated"
         )
-        raise MeshError(f"holds {len(points)} vertices and no faces: {what}.")
+        raise MeshError(f"contains {len(points)} vertices and no faces: {what}.")
     vertices = table_of_lines(points, range(3), "a vertex")
     return vertices, Polygons(np.array(corners, dtype=np.int64), np.array(counts))
 
 
 def _number(word: bytes, n_vertices: int, line: bytes) -> int:
-    """Return the number of a vertex, from 0."""
+    """Return the index of a vertex, counted from 0."""
     said = line.decode("latin-1").strip()[:60]
     try:
         number = int(word.split(b"/", maxsplit=1)[0])
     except ValueError:
         raise MeshError(
-            f"has a face whose vertices are not integers: {said!r}. Is it damaged?"
+            f"has a face whose vertices are not integers: {said!r}. The file is damaged."
         ) from None
     if number == 0 or number < -n_vertices:
         raise MeshError(
-            f"has a face with vertex 0, or before it ({said!r}); OBJ files count from 1."
+            f"has a face with an invalid vertex number ({said!r}); OBJ files count from 1."
         )
     return number - 1 if number > 0 else n_vertices + number
 
 
 def read_uv(path: str | Path) -> FloatArray:
-    r"""Return the texture coordinates of the vertices of an OBJ file.
+    r"""Read the texture coordinates of the vertices of an OBJ file.
 
-    A vertex on a seam of the texture has several; the first that a face gives it is taken.
+    A vertex on a seam of the texture has several texture coordinates; those in the first face that
+    uses the vertex are returned.
 
     Parameters
     ----------
@@ -93,15 +94,15 @@ def read_uv(path: str | Path) -> FloatArray:
     Returns
     -------
     ndarray of shape (n_vertices, 2)
-        From the lower left corner of the image, of the vertices in the order of the file; NaN where
-        no face gives any.
+        Texture coordinates of the vertices, in the order of the file, from the lower left corner
+        of the image; NaN for vertices without any.
 
     Raises
     ------
     FileNotFoundError
-        If there is no such file.
+        If the file does not exist.
     MeshError
-        If it holds no texture coordinates.
+        If the file has no texture coordinates.
 
     Examples
     --------
@@ -130,8 +131,8 @@ def read_uv(path: str | Path) -> FloatArray:
                     pairs.setdefault(vertex, _number(parts[1], len(places), line))
     if not pairs or max(pairs) >= n_vertices or max(pairs.values()) >= len(places):
         raise MeshError(
-            f"{path} holds no texture coordinates for its faces, or not all that they name. Export "
-            "it with them: in Blender, tick UV Coordinates."
+            f"{path} has no texture coordinates for its faces, or lacks some that they refer to. "
+            "Export it with texture coordinates: in Blender, tick UV Coordinates."
         )
     uv = np.full((n_vertices, 2), np.nan)
     uv[list(pairs)] = table_of_lines(places, range(2), "a texture coordinate")[list(pairs.values())]

@@ -17,25 +17,25 @@ from skfmap.io.numbers import (
 
 __all__ = ["read_off"]
 
-# Texture coordinates, colours, normals, a homogeneous fourth coordinate, another dimension.
+# Prefixes: texture coordinates, colours, normals, homogeneous coordinates, other dimensions.
 # Colours and normals are written in either order. Only n and N differ by their case.
 _KEYWORD = re.compile(rb"(?:ST)?(?:C?N?|NC)(4)?(n)?OFF|[oO]ff")
 
 
 def read_off(content: bytes) -> tuple[FloatArray, Polygons]:
-    """Return the vertices and faces of an OFF file, COFF, NOFF, STOFF and 4OFF among them.
+    """Return the vertices and faces of an OFF file, including COFF, NOFF, STOFF and 4OFF.
 
-    Vertices begin with their coordinates, whatever follows them; those of 4OFF are homogeneous, and
-    are divided by their fourth coordinate.
+    Anything after the coordinates of a vertex is ignored. The homogeneous coordinates of 4OFF are
+    divided by the fourth one.
 
     Raises
     ------
     MeshError
-        If it is no such file; the message goes on behind its name.
+        If the content cannot be read. The message continues a sentence that begins with the path.
     """
     content = as_text(content)
     if re.match(rb"\s*\S*OFF\s+BINARY\b", content):
-        raise MeshError("is a binary OFF file, which is not read: save it as text, or as PLY.")
+        raise MeshError("is a binary OFF file, which is not supported. Save it as text, or as PLY.")
     lines = [line.split(b"#", maxsplit=1)[0].strip() for line in content.splitlines()]
     lines = [line for line in lines if line]
     words = lines[0].split() if lines else []
@@ -44,9 +44,9 @@ def read_off(content: bytes) -> tuple[FloatArray, Polygons]:
         if len(words) != 3 or not all(word.isdigit() for word in words):
             raise MeshError(
                 "is not an OFF file: it begins neither with OFF nor with its numbers of vertices, "
-                "faces and edges. Was it saved in another format?"
+                "faces and edges. It may be in another format."
             )
-    else:  # what follows it in its line is another one
+    else:  # treat the rest of the keyword's line as a line of its own
         rest = b" ".join(words[1:])
         lines = [rest, *lines[1:]] if rest else lines[1:]
     homogeneous = keyword is not None and keyword[1] is not None
@@ -55,8 +55,7 @@ def read_off(content: bytes) -> tuple[FloatArray, Polygons]:
     n_vertices, n_faces, lines = _counts(lines)
     if n_faces == 0:
         raise MeshError(
-            f"holds {n_vertices} vertices and no faces: a cloud of points, or a file that was cut "
-            "short."
+            f"contains {n_vertices} vertices and no faces: it is a point cloud, or truncated."
         )
     per_vertex = 4 if homogeneous else 3
     if not _has_line_for_each(lines, n_vertices, n_faces, per_vertex):
@@ -69,28 +68,28 @@ def _of_three_dimensions(lines: list[bytes]) -> list[bytes]:
     words = lines[0].split() if lines else []
     if not words or words[0] != b"3":
         said = words[0].decode("latin-1") if words else "?"
-        raise MeshError(f"holds points of {said} dimensions; a surface in space has three.")
+        raise MeshError(f"contains points with {said} dimensions; a mesh must have three.")
     rest = b" ".join(words[1:])
     return [rest, *lines[1:]] if rest else lines[1:]
 
 
 def _counts(lines: list[bytes]) -> tuple[int, int, list[bytes]]:
-    """Return the numbers of vertices and faces, and the lines behind them."""
+    """Return the numbers of vertices and faces, and the remaining lines."""
     words = lines[0].split() if lines else []
     if len(words) < 2 or not all(word.isdigit() for word in words[:3]):
         said = lines[0].decode("latin-1")[:60] if lines else ""
         raise MeshError(
-            f"does not say how many vertices and faces it holds, but {said!r}. Is it damaged, or "
-            "of another format?"
+            f"does not declare its numbers of vertices and faces, but has {said!r} in their place. "
+            "It is damaged, or in another format."
         )
     rest = b" ".join(words[3:])
     return int(words[0]), int(words[1]), ([rest] if rest else []) + lines[1:]
 
 
 def _has_line_for_each(lines: list[bytes], n_vertices: int, n_faces: int, per_vertex: int) -> bool:
-    """Return whether each vertex and each face has a line; raise if there are more lines.
+    """Return whether each vertex and each face has its own line; raise if more lines follow.
 
-    Lines of numbers are split in any way otherwise.
+    Otherwise line breaks may be anywhere between numbers.
     """
     body = lines[: n_vertices + n_faces]
     one_each = all(len(line.split(maxsplit=per_vertex)) >= per_vertex for line in body[:n_vertices])
@@ -100,8 +99,8 @@ def _has_line_for_each(lines: list[bytes], n_vertices: int, n_faces: int, per_ve
     )
     if one_each and len(lines) > n_vertices + n_faces:
         raise MeshError(
-            f"says that it holds {n_faces} faces, but more lines follow. Is its head wrong, or did "
-            "two files run into one?"
+            f"declares {n_faces} faces, but more lines follow. Its header is wrong, or two files "
+            "were joined."
         )
     return one_each and len(body) == n_vertices + n_faces
 
@@ -109,7 +108,7 @@ def _has_line_for_each(lines: list[bytes], n_vertices: int, n_faces: int, per_ve
 def _of_words(
     lines: list[bytes], n_vertices: int, n_faces: int, per_vertex: int
 ) -> tuple[FloatArray, Polygons]:
-    """Read numbers one after the other, wherever lines end; they must come out even."""
+    """Read numbers regardless of line breaks; all of them must be used up."""
     words = b" ".join(lines).split()
     at = n = per_vertex * n_vertices
     counts: list[int] = []
@@ -132,21 +131,23 @@ def _of_words(
 def _complain(
     lines: list[bytes], n_vertices: int, n_faces: int, n_read: int
 ) -> tuple[FloatArray, Polygons]:
-    polygons_of_lines(lines[n_vertices : n_vertices + n_faces])  # a face that is wrong by itself
+    polygons_of_lines(
+        lines[n_vertices : n_vertices + n_faces]
+    )  # raises an error if a single face is at fault
     raise MeshError(
-        f"says that it holds {n_vertices} vertices and {n_faces} faces, but only {n_read} faces "
-        "could be read; the file is truncated, or its head is wrong."
+        f"declares {n_vertices} vertices and {n_faces} faces, but only {n_read} faces could be "
+        "read: the file is truncated, or its header is wrong."
     )
 
 
 def _divided(points: FloatArray) -> FloatArray:
-    """Return positions in space of homogeneous coordinates; others as they are."""
+    """Convert homogeneous coordinates to three dimensions; return others unchanged."""
     if points.shape[1] == 3:
         return points
     scale = points[:, 3:]
     if (scale == 0).any():
         raise MeshError(
-            f"has a vertex at infinity ({int(np.flatnonzero(scale == 0)[0])}): its fourth, "
-            "homogeneous coordinate is 0. Leave it out before saving."
+            f"has a vertex at infinity ({int(np.flatnonzero(scale == 0)[0])}): its fourth "
+            "(homogeneous) coordinate is 0. Remove it before saving."
         )
     return np.asarray(points[:, :3] / scale)

@@ -1,4 +1,4 @@
-"""PLY files: vertices, polygons and triangle strips, as text and as bytes."""
+"""PLY files: vertices, polygons and triangle strips, in text and binary form."""
 
 import re
 from typing import NamedTuple
@@ -20,7 +20,7 @@ _TYPES = {
 }  # fmt: skip
 _ORDERS = {"ascii": "", "binary_little_endian": "<", "binary_big_endian": ">"}
 _INDICES = ("vertex_indices", "vertex_index")
-_SHOWN = 60  # letters of a line that a message quotes
+_SHOWN = 60  # largest number of characters of a line quoted in a message
 _END = re.compile(rb"(?<=\n)end_header[ \t]*\r?\n")
 _END_OF_OLD_MAC = re.compile(rb"(?<=\r)end_header[ \t]*\r")
 
@@ -28,7 +28,7 @@ _END_OF_OLD_MAC = re.compile(rb"(?<=\r)end_header[ \t]*\r")
 class _Property(NamedTuple):
     name: str
     kind: str
-    count_kind: str | None  # of a list
+    count_kind: str | None  # type of the length if it is a list
 
 
 class _Element(NamedTuple):
@@ -38,29 +38,29 @@ class _Element(NamedTuple):
 
 
 class _List(NamedTuple):
-    """The lists of an element, one behind the other."""
+    """The concatenated lists of an element, with their lengths."""
 
     values: Array
     counts: IntArray
 
 
 def read_ply(content: bytes) -> tuple[FloatArray, Polygons]:
-    """Return the vertices and faces of a PLY file as it stores them.
+    """Return the vertices and faces of a PLY file as stored.
 
-    All other properties and elements are passed over: texture coordinates of corners split no
+    All other properties and elements are ignored, so texture coordinates of corners do not split
     vertices. Triangle strips become triangles.
 
     Raises
     ------
     MeshError
-        If it is no such file; the message goes on behind its name.
+        If the content cannot be read. The message continues a sentence that begins with the path.
     """
     if not content.startswith(b"ply"):
         content = as_text(content)
     order, elements, body = _header(content)
     names = [element.name for element in elements]
     if "vertex" not in names:
-        raise MeshError(f"holds no vertices, only {', '.join(names) or 'nothing'}.")
+        raise MeshError(f"contains no vertices, only {', '.join(names) or 'nothing'}.")
     read = (_of_text if order == "" else _of_bytes)(body, order, elements)
     vertices = _positions(read["vertex"])
     polygons: list[Polygons] = []
@@ -74,24 +74,24 @@ def read_ply(content: bytes) -> tuple[FloatArray, Polygons]:
         corners, counts = (np.concatenate(each) for each in zip(*polygons, strict=True))
         return vertices, Polygons(corners, counts)
     what = (
-        "a grid of range images (range_grid), which is not read: save it with faces"
+        "it has range images (range_grid), which are not supported. Save it with faces"
         if "range_grid" in names
-        else "a cloud of points, or a file that was cut short"
+        else "it is a point cloud, or truncated"
     )
-    raise MeshError(f"holds {len(vertices)} vertices and no faces: {what}.")
+    raise MeshError(f"contains {len(vertices)} vertices and no faces: {what}.")
 
 
 def _header(content: bytes) -> tuple[str, list[_Element], bytes]:
-    # Lines end as the first does: data behind the last may begin with the byte of a line's end.
+    # All lines end as the first one does; data may begin with a byte that looks like a line end.
     old_mac = re.match(rb"ply[ \t]*\r(?!\n)", content)
     end = (_END_OF_OLD_MAC if old_mac else _END).search(content)
     if not re.match(rb"ply[ \t]*[\r\n]", content) or end is None:
-        what = "its head has no end" if content.startswith(b"ply") else "it does not begin with ply"
-        raise MeshError(
-            f"is not a PLY file: {what}. Is it cut short, or was it saved in another format?"
+        what = (
+            "its header has no end" if content.startswith(b"ply") else "it does not begin with ply"
         )
-    # Comments may be in any encoding, and only they are in more than ASCII. In UTF-16 they have zero
-    # bytes, and bytes of letters that look like the ends of lines.
+        raise MeshError(f"is not a PLY file: {what}. It is truncated, or in another format.")
+    # Comments may be in any encoding; everything else is ASCII. Comments in UTF-16 contain zero
+    # bytes, and bytes that look like line breaks.
     lines = re.split(r"\r\n|\n|\r", content[: end.start()].decode("latin-1"))
     order, elements, wide = None, list[_Element](), False
     for line in lines[1:]:
@@ -114,10 +114,10 @@ def _header(content: bytes) -> tuple[str, list[_Element], bytes]:
             if wide and not (line.isascii() and line.isprintable()):
                 continue  # the rest of a comment
             raise MeshError(
-                f"has a line in its head that no PLY file has: {line[:_SHOWN]!r}. Is it damaged?"
+                f"has an invalid line in its header: {line[:_SHOWN]!r}. The file is damaged."
             ) from None
     if order is None or any(element.n < 0 for element in elements):
-        raise MeshError("does not say in its head what follows. Is it damaged?")
+        raise MeshError("has an incomplete header. The file is damaged.")
     return order, elements, content[end.end() :]
 
 
@@ -135,10 +135,10 @@ def _of_bytes(body: bytes, order: str, elements: list[_Element]) -> dict[str, di
 
 
 def _records(body: bytes, at: int, order: str, element: _Element) -> tuple[dict[str, object], int]:
-    """Read the records of an element from a place on; return them and the place behind them."""
+    """Read the records of an element from offset ``at``; return them and the offset after them."""
     if element.n == 0:
         return {}, at
-    # Mostly all lists are as long as those of the first record.
+    # Usually all lists are as long as those of the first record.
     lengths = _lengths_of_first(body, at, order, element)
     fields: list[tuple[str, str] | tuple[str, str, tuple[int]]] = []
     for i, one in enumerate(element.properties):
@@ -175,7 +175,7 @@ def _lengths_of_first(body: bytes, at: int, order: str, element: _Element) -> di
             lengths[i] = int(np.frombuffer(body, count, 1, at)[0])
             at += count.itemsize
             if lengths[i] < 0:
-                raise MeshError(f"has a list of {lengths[i]} entries. Is it damaged?")
+                raise MeshError(f"has a list of {lengths[i]} entries. The file is damaged.")
         at += lengths.get(i, 1) * np.dtype(one.kind).itemsize
     return lengths if at <= len(body) else dict.fromkeys(lengths, 0)
 
@@ -214,8 +214,8 @@ def _records_one_by_one(
 
 def _truncated(element: _Element, n_read: int) -> MeshError:
     return MeshError(
-        f"says that it holds {element.n} {element.name} records, but only {n_read} were there to "
-        "read; the file is truncated."
+        f"declares {element.n} {element.name} records, but contains only {n_read}: the file is "
+        "truncated."
     )
 
 
@@ -230,8 +230,8 @@ def _of_text(body: bytes, order: str, elements: list[_Element]) -> dict[str, dic
         at += element.n
     if len(lines) > at:
         raise MeshError(
-            f"has {len(lines) - at} more lines than its head says. Is its head wrong, or did two "
-            "files run into one?"
+            f"has {len(lines) - at} more lines than its header declares. The header is wrong, or "
+            "two files were joined."
         )
     return out
 
@@ -256,7 +256,7 @@ def _of_lines(lines: list[bytes], element: _Element) -> dict[str, object]:
         for line, n, own in zip(lines, counts.tolist(), words, strict=True):
             if len(own) < n:
                 raise MeshError(
-                    f"has a {element.name} that is cut short: {_quoted(line)} says {n} "
+                    f"has a truncated {element.name}: {_quoted(line)} declares {n} "
                     f"{'vertices' if one.name in _INDICES else 'entries'}."
                 )
         values = _floats(words, lines, element, one)
@@ -269,8 +269,8 @@ def _count(words: list[bytes], i: int) -> int:
     if i < len(words) and words[i].isdigit():
         return int(words[i])
     raise MeshError(
-        f"has a list that does not begin with its length: {_quoted(b' '.join(words))}. Is it "
-        "damaged?"
+        f"has a list that does not begin with its length: {_quoted(b' '.join(words))}. The file is "
+        "damaged."
     )
 
 
@@ -297,7 +297,7 @@ def _quoted(line: bytes) -> str:
 def _positions(vertex: dict[str, object]) -> FloatArray:
     if missing := [axis for axis in "xyz" if not isinstance(vertex.get(axis), np.ndarray)]:
         if not vertex:
-            raise MeshError("holds no vertices. Export it again, or leave it out.")
+            raise MeshError("contains no vertices. Export it again, or leave it out.")
         raise MeshError(f"has vertices without {', '.join(missing)}. Export it again.")
     return np.stack([np.asarray(vertex[axis], dtype=np.float64) for axis in "xyz"], axis=1)
 

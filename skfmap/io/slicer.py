@@ -15,11 +15,11 @@ from skfmap.shapes import Landmarks
 
 __all__ = ["fcsv_of", "mrk_json_of", "read_fcsv", "read_mrk_json"]
 
-# Numbers are those of versions before 4.11.
+# Versions before 4.11 write numbers.
 _SYSTEMS = {"0": "RAS", "RAS": "RAS", "1": "LPS", "LPS": "LPS"}
 
-# Versions from 5.0 on write two more cells than they name: the status of the position, of which
-# 2 is "defined", and whether the point was made by itself.
+# Versions from 5.0 on write two more cells than they name: the status of the position, in which 2
+# means "defined", and whether the point was created automatically.
 _COLUMNS = (
     *("id", "x", "y", "z", "ow", "ox", "oy", "oz", "vis", "sel", "lock"),
     *("label", "desc", "associatednodeid"),
@@ -36,7 +36,7 @@ _SCHEMA = (
 
 
 def read_fcsv(path: Path) -> ReadLandmarks:
-    """Read a list of fiducials of any version, in the system of coordinates that it names."""
+    """Read a ``.fcsv`` file of any version, in the coordinate system that it states."""
     columns, system = list(_COLUMNS), None
     rows = []
     for number, line in enumerate(read_text(path), start=1):
@@ -56,8 +56,8 @@ def _named_columns(path: Path, where: str, value: str) -> list[str]:
     columns = [column.strip().lower() for column in value.split(",")]
     if lacking := [column for column in "xyz" if column not in columns]:
         raise CorrespondenceError(
-            f"{path}, {where}: no column {lacking[0]!r} among {', '.join(columns)}. Export the "
-            "landmarks from Slicer again."
+            f"{path}, {where}: there is no column {lacking[0]!r} among {', '.join(columns)}. "
+            "Export the landmarks from Slicer again."
         )
     return columns
 
@@ -66,7 +66,7 @@ def _system(path: Path, where: str, value: object) -> str:
     system = _SYSTEMS.get(str(value).strip().upper())
     if system is None:
         raise CorrespondenceError(
-            f"{path}, {where}: the system of coordinates {value!r} is none of LPS (1) and RAS (0). "
+            f"{path}, {where}: the coordinate system {value!r} is neither LPS (1) nor RAS (0). "
             "Save the landmarks in Slicer again."
         )
     return system
@@ -76,13 +76,13 @@ def _fiducial(path: Path, where: str, columns: list[str], cells: list[str]) -> P
     needed = 1 + max(columns.index(one) for one in "xyz")
     if len(cells) < needed:
         raise CorrespondenceError(
-            f"{path}, {where}: {len(cells)} cells, where the coordinates end with the one of "
-            f"number {needed} ({', '.join(columns)}). Is the line cut short? Export the landmarks "
+            f"{path}, {where}: the line has {len(cells)} cells, but needs at least {needed} for "
+            f"its coordinates ({', '.join(columns)}). It may be truncated; export the landmarks "
             "from Slicer again."
         )
     named = dict(zip(columns, cells, strict=False))
     status, by_itself = cells[len(columns) :][-2:] if len(cells) > len(columns) + 1 else ("", "")
-    # A label with a comma that is not in quotes makes cells too, which say nothing of the kind.
+    # An unquoted comma in a label also adds cells, which are not a status and a flag.
     says = status in _STATUSES and by_itself in _FLAGS
     if says and status != _DEFINED:
         at = np.full(3, np.nan)
@@ -92,7 +92,7 @@ def _fiducial(path: Path, where: str, columns: list[str], cells: list[str]) -> P
 
 
 def fcsv_of(landmarks: Landmarks) -> str:
-    """Return the text of a ``.fcsv`` file in LPS, as which Slicer takes files of meshes."""
+    """Return the text of a ``.fcsv`` file in LPS, the system in which Slicer reads meshes."""
     file = io.StringIO()
     file.write("# Markups fiducial file version = 5.0\n# CoordinateSystem = LPS\n")
     file.write(f"# columns = {','.join(_COLUMNS[:-1])},associatedNodeID\n")
@@ -108,20 +108,21 @@ def fcsv_of(landmarks: Landmarks) -> str:
 
 
 def read_mrk_json(path: Path) -> ReadLandmarks:
-    """Read the list of points of a ``.mrk.json`` file, in the system of coordinates it names."""
+    """Read the list of points of a ``.mrk.json`` file, in the coordinate system that it states."""
     text = "\n".join(read_text(path))
     try:
         content = json.loads(text)
     except (ValueError, RecursionError) as error:
         raise CorrespondenceError(
-            f"{path} is not JSON: {error}. Is the file whole? Save the landmarks in Slicer again."
+            f"{path} is not valid JSON: {error}. It may be truncated; save the landmarks in Slicer "
+            "again."
         ) from None
     markup = _point_list(path, content)
     said = markup.get("coordinateSystem")
     system = None if said is None else _system(path, "coordinateSystem", said)
     points = markup.get("controlPoints", [])
     if not isinstance(points, list):
-        raise _odd(path, "controlPoints", "is no list")
+        raise _odd(path, "controlPoints", "is not a list")
     rows = [_control_point(path, f"point {i}", one) for i, one in enumerate(points, start=1)]
     return as_read(path, rows, system)
 
@@ -129,23 +130,23 @@ def read_mrk_json(path: Path) -> ReadLandmarks:
 def _point_list(path: Path, content: object) -> dict[str, Any]:
     markups = content.get("markups") if isinstance(content, dict) else None
     if not isinstance(markups, list) or not all(isinstance(one, dict) for one in markups):
-        raise _odd(path, "markups", "is no list of markups")
+        raise _odd(path, "markups", "is not a list of markups")
     kinds = [str(one.get("type", "Fiducial")) for one in markups]
     lists = [one for one, kind in zip(markups, kinds, strict=True) if kind == "Fiducial"]
     if len(lists) != 1:
         counts = [len(one.get("controlPoints", ())) for one in markups]
         there = ", ".join(f"{k} ({n} points)" for k, n in zip(kinds, counts, strict=True))
         raise CorrespondenceError(
-            f"{path} must hold one list of points (type 'Fiducial'); it holds "
-            f"{there or 'no markup'}. Save the list that is meant in a file of its own."
+            f"{path} must contain exactly one list of points (type 'Fiducial'), but contains "
+            f"{there or 'no markup'}. Save the list of landmarks in its own file."
         )
     return lists[0]
 
 
 def _odd(path: Path, where: str, what: str) -> CorrespondenceError:
     return CorrespondenceError(
-        f"{path}, {where}: {what}, so that this is not a file of Slicer's markups. Save the "
-        "landmarks in Slicer again."
+        f"{path}, {where}: it {what}, so this is not a markups file of Slicer. Save the landmarks "
+        "in Slicer again."
     )
 
 
@@ -159,8 +160,8 @@ def _control_point(path: Path, where: str, point: object) -> PointRow:
     if status not in _PLACED:
         options = ", ".join((*_PLACED, *_NOT_PLACED))
         raise CorrespondenceError(
-            f"{path}, {where}: the position has the status {status!r}, which is none of {options}. "
-            "Save the landmarks in Slicer again."
+            f"{path}, {where}: the position has the status {status!r}, which is not one of "
+            f"{options}. Save the landmarks in Slicer again."
         )
     at = point.get("position")
     if not isinstance(at, list) or len(at) != 3:
@@ -170,7 +171,7 @@ def _control_point(path: Path, where: str, point: object) -> PointRow:
 
 
 def mrk_json_of(landmarks: Landmarks) -> str:
-    """Return the text of a ``.mrk.json`` file in LPS, as which Slicer takes files of meshes."""
+    """Return the text of a ``.mrk.json`` file in LPS, the system in which Slicer reads meshes."""
     said = _descriptions(landmarks)
     points = [
         {
@@ -195,7 +196,7 @@ def mrk_json_of(landmarks: Landmarks) -> str:
 
 
 def _descriptions(landmarks: Landmarks) -> list[str]:
-    """Return what is said of each landmark: its expected error, and the radius that is promised."""
+    """Return the description of each landmark: its expected error, and its radius."""
     errors: list[FloatArray | None] = [landmarks.expected_error, landmarks.radius]
     share = "" if landmarks.coverage is None else f" ({landmarks.coverage:.0%})"
     words = ("expected error {:.4g}", "within {:.4g}" + share)

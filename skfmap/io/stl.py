@@ -1,4 +1,4 @@
-"""STL files, which trimesh reads."""
+"""STL files, which are read with trimesh."""
 
 import io
 import logging
@@ -15,12 +15,12 @@ __all__ = ["read_stl"]
 
 
 def read_stl(content: bytes) -> tuple[FloatArray, IntArray]:
-    """Return the triangles of an STL file; corners at exactly one place are one vertex.
+    """Return the triangles of an STL file; corners at exactly the same position are one vertex.
 
     Raises
     ------
     MeshError
-        If it is no such file; the message goes on behind its name.
+        If the content cannot be read. The message continues a sentence that begins with the path.
     """
     n_said = int.from_bytes(content[80:84], "little")
     if len(content) < 84 or len(content) != 84 + 50 * n_said:
@@ -28,16 +28,16 @@ def read_stl(content: bytes) -> tuple[FloatArray, IntArray]:
     loaded = _load(content)
     if len(loaded.faces) != n_said:
         raise MeshError(
-            f"holds {n_said} triangles, but {len(loaded.faces)} were read. Export it as PLY."
+            f"contains {n_said} triangles, but {len(loaded.faces)} were read. Export it as PLY."
         )
     vertices, faces = _weld(np.asarray(loaded.vertices), np.asarray(loaded.faces))
     if len(faces) == 0:
-        raise MeshError("holds no triangles. Export it again, or leave it out.")
+        raise MeshError("contains no triangles. Export it again, or leave it out.")
     return vertices, faces
 
 
 def _stl_text(content: bytes, n_said: int) -> tuple[bytes, int]:
-    """Return an STL file of text, and its number of triangles; raise where it is not whole."""
+    """Return a text STL file and its number of triangles; raise an error if it is incomplete."""
     try:
         text = as_text(content)
     except MeshError:
@@ -46,17 +46,18 @@ def _stl_text(content: bytes, n_said: int) -> tuple[bytes, int]:
         n_there = max(0, (len(content) - 84) // 50)
         if len(content) < 84:
             raise MeshError(
-                "is not an STL file, or was cut short: it has neither the text nor the 84 bytes "
-                "that such files begin with. Export it again."
+                "is not an STL file, or is truncated: it has neither the first word of a text file "
+                "nor the 84 bytes that begin a binary one. Export it again."
             )
-        if n_there >= n_said > 0:
+        n_more = len(content) - 84 - 50 * n_said
+        if n_more > 0 and n_said > 0:
             raise MeshError(
-                f"has {len(content) - 84 - 50 * n_said} bytes behind the {n_said} triangles that it "
-                "says it holds: a second solid, or damage. Export it again."
+                f"has {n_more} bytes after the {n_said} triangles that it declares: it has a "
+                "second solid, or is damaged. Export it again."
             )
         raise MeshError(
-            f"says that it holds {n_said} triangles, but has room for {n_there}: it is truncated, "
-            "damaged, or no STL file. Export it again."
+            f"declares {n_said} triangles, but its size is that of {n_there}: it is truncated, "
+            "damaged, or not an STL file. Export it again."
         )
     words = re.findall(rb"^\s*(facet|vertex|endfacet|endsolid)\b", text.lower(), re.MULTILINE)
     n_facets = words.count(b"facet")
@@ -64,7 +65,7 @@ def _stl_text(content: bytes, n_said: int) -> tuple[bytes, int]:
     if not whole or b"endsolid" not in words:
         raise MeshError(
             f"begins {n_facets} triangles, but ends {words.count(b'endfacet')} of them with "
-            f"{words.count(b'vertex')} corners: the file is truncated, or damaged. Export it again."
+            f"{words.count(b'vertex')} corners: the file is truncated or damaged. Export it again."
         )
     return text, n_facets
 
@@ -78,16 +79,16 @@ def _weld(vertices: FloatArray, faces: IntArray) -> tuple[FloatArray, IntArray]:
 
 
 def _load(content: bytes) -> Any:
-    """Read a file as one mesh; nothing is merged, so that vertices keep their numbers."""
+    """Read a file as one mesh without merging vertices, which keep their indices."""
     import trimesh  # noqa: PLC0415
 
-    # Without a handler trimesh's tracebacks are written to standard error.
+    # Without a handler, trimesh would write tracebacks to standard error.
     logging.getLogger("trimesh").addHandler(logging.NullHandler())
     try:
         return trimesh.load(io.BytesIO(content), file_type="stl", process=False, force="mesh")
     except Exception as error:
         said = str(error).rstrip(".")
         raise MeshError(
-            "holds no triangle mesh; is it whole, and of the format that its name says? The reader "
-            f"says: {type(error).__name__}: {said}."
+            "contains no triangle mesh: it is truncated, or not in the format of its suffix. The "
+            f"reader reports {type(error).__name__}: {said}."
         ) from error

@@ -1,4 +1,4 @@
-"""Landmarks in tables: ``.csv``, ``.tsv`` and ``.txt`` with x, y, z and perhaps a name."""
+"""Tables of landmarks: ``.csv``, ``.tsv`` and ``.txt`` with x, y, z and optionally a name."""
 
 import csv
 import io
@@ -26,13 +26,15 @@ from skfmap.shapes import Landmarks
 
 __all__ = ["csv_of", "is_table_of_points", "read_table"]
 
-# None is any run of blanks. The comma comes late, as it may stand in numbers.
+# None stands for any run of blanks. The comma comes late because numbers may contain it.
 _SEPARATORS = ("\t", ";", ",", None)
-_HEAD = 65536  # bytes that tell which kind of table it is
+_HEAD = 65536  # number of bytes read to recognise a table
+# The first line that Excel writes to declare the separator.
+_SEPARATED = re.compile(r'"?sep=.?"?\s*', re.IGNORECASE)
 _WORD = re.compile(r'"((?:[^"]|"")*)"|(\S+)')
 
-# Names of columns, of which the first that is there is taken. Slicer's own tables have r, a, s or
-# l, p, s, and "defined".
+# Names of columns, in order of preference. Tables of 3D Slicer have r, a, s or l, p, s, and
+# "defined".
 _AXES = (("xyz", None), ("ras", "RAS"), ("lps", "LPS"))
 _NAMES = ("name", "label", "landmark", "point", "lm", "id", "index", "number", "nr", "no", "")
 _IN_NAMES = ("name", "label", "landmark")  # as in "Point name"
@@ -46,7 +48,7 @@ class _Line(NamedTuple):
 
 
 class _Columns(NamedTuple):
-    """Where a line has what; ``n`` is the number of columns."""
+    """Positions of the columns; ``n`` is the number of columns."""
 
     at: list[int]
     name: int | None
@@ -57,7 +59,7 @@ class _Columns(NamedTuple):
 
 
 def read_table(path: Path) -> ReadLandmarks:
-    """Read a table with a head that names x, y, z, or of three columns, or of four with a name."""
+    """Read a table with a header that names x, y, z, or with three columns, or four with a name."""
     text = list(enumerate(read_text(path), start=1))
     for separator in _SEPARATORS:
         lines, columns = _split(path, text, separator)
@@ -66,9 +68,10 @@ def read_table(path: Path) -> ReadLandmarks:
     else:
         number, first = next((n, line) for n, line in text if line.strip())
         raise CorrespondenceError(
-            f"{path}, line {number}: {first.strip()[:60]!r} is neither a head with x, y and z nor "
-            "three coordinates, with or without a name before or behind them. Add a head line "
-            "(name,x,y,z), put names with blanks in quotes, or rename what holds no landmarks."
+            f"{path}, line {number}: {first.strip()[:60]!r} is neither a header with x, y and z "
+            "nor three coordinates, with or without a name before or after them. Add a header line "
+            "(name,x,y,z), put names with blanks in quotes, or rename the file if it contains no "
+            "landmarks."
         )
     rows = _rows(path, lines, columns)
     read = as_read(path, rows, columns.system)
@@ -81,7 +84,7 @@ def read_table(path: Path) -> ReadLandmarks:
 
 
 def is_table_of_points(path: Path) -> bool:
-    """Return whether a ``.txt`` file may hold points: its first lines have three cells or more."""
+    """Return whether a ``.txt`` file may contain points: its first line has at least 3 cells."""
     try:
         begins = read_text(path, _HEAD)
     except CorrespondenceError:
@@ -93,11 +96,11 @@ def is_table_of_points(path: Path) -> bool:
 def _split(
     path: Path, text: list[tuple[int, str]], separator: str | None
 ) -> tuple[list[_Line], _Columns | None]:
-    """Return lines of data and where they have what, None if they are not separated like this."""
+    """Return lines of data and their columns; None if they are not separated like this."""
     lines: list[_Line] = []
     head = None
     for number, line in text:
-        if not line.strip():
+        if not line.strip() or (number == 1 and _SEPARATED.fullmatch(line)):
             continue
         bare = line.lstrip("# ") if line.startswith("#") else line
         if not lines and head is None and (head := _head(_cells(bare, separator))):
@@ -115,11 +118,11 @@ def _split(
         return lines, _without_head(path, lines)
     if head.name is None and all(len(line.cells) == head.n + 1 for line in lines):
         return lines, _with_row_names(head)
-    return lines, head
+    return lines, _with_names_in_front(head, lines)
 
 
 def _with_row_names(head: _Columns) -> _Columns:
-    """Return the columns of a table whose names of rows have no head, as R writes them."""
+    """Return the columns of a table with row names that have no header, as R writes it."""
     return head._replace(
         at=[i + 1 for i in head.at],
         name=0,
@@ -129,8 +132,23 @@ def _with_row_names(head: _Columns) -> _Columns:
     )
 
 
+def _with_names_in_front(head: _Columns, lines: list[_Line]) -> _Columns:
+    """Return the columns, the first as names where its head is in another language.
+
+    That is where no head names them, and the first column has another text in each line.
+    """
+    taken = {*head.at, head.placed, *head.errors.values()}
+    if head.name is not None or 0 in taken:
+        return head
+    words = [line.cells[0] for line in lines if any(line.cells)]
+    distinct = len(set(words)) == len(words) and all(words)
+    if not distinct or any(_holds_number(word) for word in words):
+        return head
+    return head._replace(name=0)
+
+
 def _is_comment(line: str) -> bool:
-    """Return whether a line before all others is a comment; ``#1`` may be the name of a point."""
+    """Return whether a line at the top is a comment; ``#1`` may be the name of a point."""
     return line.startswith("#") and not line[1:2].isalnum()
 
 
@@ -142,8 +160,8 @@ def _cells(line: str, separator: str | None) -> list[str]:
 
 
 def _head(cells: list[str]) -> _Columns | None:
-    """Return what a head line names; None where it names no coordinates."""
-    # "X (mm)" and "pos_x" are x as well.
+    """Return the columns that a header line names; None if it names no coordinates."""
+    # "X (mm)" and "pos_x" also mean x.
     words = [re.sub(r"[\s_]*[(\[].*", "", cell).strip().lower() for cell in cells]
     words = [re.sub(r"^(pos|coord)[ _.]?(?=[xyz]$)", "", word) for word in words]
     for axes, system in _AXES:
@@ -159,7 +177,7 @@ def _head(cells: list[str]) -> _Columns | None:
 
 
 def _without_head(path: Path, lines: list[_Line]) -> _Columns | None:
-    """Return where lines without a head have what; None where it is not clear from the first."""
+    """Return the columns of a table without a header; None if the first line is not clear."""
     where, first = lines[0]
     numeric = [_holds_number(cell) for cell in first]
     if len(first) == 3 and all(numeric):
@@ -173,8 +191,8 @@ def _without_head(path: Path, lines: list[_Line]) -> _Columns | None:
     if all(line.cells[:1] == [str(i)] for i, line in enumerate(lines, start=1)):
         return _Columns([1, 2, 3], 0, 4)
     raise CorrespondenceError(
-        f"{path}, {where}: four numbers, of which any may be the name. Add a head line that says: "
-        "name,x,y,z."
+        f"{path}, {where}: the line has four numbers, and it is not known which is the name. Add a "
+        "header line such as name,x,y,z."
     )
 
 
@@ -186,7 +204,7 @@ def _rows(path: Path, lines: list[_Line], columns: _Columns) -> list[PointRow]:
     rows = []
     for (where, cells), coordinates in _points(path, lines, columns):
         name = "" if columns.name is None else cells[columns.name]
-        if columns.name is not None and not any(cells):  # spreadsheets leave such lines at the end
+        if columns.name is not None and not any(cells):  # spreadsheets add blank rows at the end
             continue
         unplaced = columns.placed is not None and cells[columns.placed].lower() in {"0", "false"}
         at = np.full(3, np.nan) if unplaced else position(path, where, coordinates)
@@ -195,32 +213,33 @@ def _rows(path: Path, lines: list[_Line], columns: _Columns) -> list[PointRow]:
 
 
 def _points(path: Path, lines: list[_Line], columns: _Columns) -> Iterator[tuple[_Line, list[str]]]:
-    """Yield each line with its three coordinates, commas of numbers made points.
+    """Yield each line with its three coordinates, with decimal commas replaced by points.
 
-    A file that has both signs in its coordinates is an error: one of them stands for thousands.
+    A file with both commas and points in its coordinates raises an error, because one of them may
+    be a thousands separator.
     """
     with_point = False
     with_comma = ""
     for line in lines:
         if len(line.cells) != columns.n:
             raise CorrespondenceError(
-                f"{path}, {line.where}: {len(line.cells)} cells, where the first line has "
-                f"{columns.n}. Write a missing coordinate as NA, put names with blanks or "
-                "separators in quotes, and a decimal point for a comma."
+                f"{path}, {line.where}: the line has {len(line.cells)} cells, but the first line "
+                f"has {columns.n}. Write missing coordinates as NA, put names with blanks or "
+                "separators in quotes, and use decimal points."
             )
         coordinates = [line.cells[i] for i in columns.at]
         with_point |= any("." in cell and not is_missing(cell) for cell in coordinates)
         with_comma = next((line.where for cell in coordinates if "," in cell), with_comma)
         if with_point and with_comma:
             raise CorrespondenceError(
-                f"{path}, {with_comma}: decimal commas, where other numbers have points. Write all "
-                "with points."
+                f"{path}, {with_comma}: the line has decimal commas, but other numbers have "
+                "decimal points. Write all numbers with points."
             )
         yield line, [cell.replace(",", ".", 1) for cell in coordinates]
 
 
 def _errors(path: Path, lines: list[_Line], columns: _Columns) -> dict[str, FloatArray | float]:
-    """Return the expected errors and radii that a table holds, and what the radii cover."""
+    """Return the expected errors, the radii and their coverage, if the table has them."""
     values: dict[str, FloatArray | float] = {}
     for what, column in columns.errors.items():
         numbers = []
@@ -229,7 +248,7 @@ def _errors(path: Path, lines: list[_Line], columns: _Columns) -> dict[str, Floa
             if number is None:
                 raise CorrespondenceError(
                     f"{path}, {where}: {cells[column]!r} in column {what} is not a number. Leave "
-                    "it blank where it is not known."
+                    "unknown values blank."
                 )
             numbers.append(number)
         values[what] = np.array(numbers)
@@ -238,7 +257,8 @@ def _errors(path: Path, lines: list[_Line], columns: _Columns) -> dict[str, Floa
         known = known[np.isfinite(known)]
         if len(known) > 1:
             raise CorrespondenceError(
-                f"{path} has several numbers in column coverage; the radii of a shape cover one."
+                f"{path} has different numbers in column coverage; all radii of a shape must have "
+                "the same coverage."
             )
         if len(known):
             values["coverage"] = float(known[0])

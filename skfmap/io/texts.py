@@ -1,4 +1,4 @@
-"""Texts as laboratories keep them: their encodings, their numbers, and what says "missing"."""
+"""Reading of landmark text files: encodings, numbers, and marks for missing points."""
 
 import codecs
 import csv
@@ -31,9 +31,9 @@ __all__ = [
 
 
 class PointRow(NamedTuple):
-    """A landmark as a file holds it; NaN where it is missing.
+    """A landmark read from a file; NaN if it is missing.
 
-    ``where`` tells an error message which line of the file it is, or which entry.
+    ``where`` is the line or entry of the file, for error messages.
     """
 
     where: str
@@ -42,17 +42,20 @@ class PointRow(NamedTuple):
 
 
 class ReadLandmarks(NamedTuple):
-    """What a file holds: ``system`` is "LPS", "RAS" or None, ``done`` what was done to it."""
+    """Landmarks read from a file.
+
+    ``system`` is "LPS", "RAS" or None if it is not stated; ``done`` describes conversions.
+    """
 
     landmarks: Landmarks
     system: str | None = None
     done: str = ""
 
 
-# What names of landmark files have between the name of the shape and the suffix.
+# Endings of the stems of landmark files, after the name of the shape.
 MARKS = r"[ ._-](?:landmarks?|lms?|lmks?|picked[ _-]points|points|markups?|fiducials?)"
 
-# Longer byte order marks first: that of UTF-32 begins like that of UTF-16.
+# Byte order marks. That of UTF-32 begins like that of UTF-16, so it comes first.
 _BYTE_ORDER_MARKS = (
     (codecs.BOM_UTF8, "utf-8"),
     (codecs.BOM_UTF32_LE, "utf-32-le"),
@@ -62,29 +65,29 @@ _BYTE_ORDER_MARKS = (
 )
 
 _NUMBER = re.compile(r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?", re.ASCII)
-# Spreadsheets, R, and C libraries old and new.
-_UNKNOWN = re.compile(r"|[+-]?nan(\(.*\))?|#?n/?a!?|null|none|[+-]?1\.#(ind|qnan).*", re.IGNORECASE)
+# Marks of missing numbers in spreadsheets, R, and old and new C libraries.
+_UNKNOWN = re.compile(
+    r"|[+-]?nan(\(.*\))?|#?n[/.]?a[!.]?|null|none|[+-]?1\.#(ind|qnan).*", re.IGNORECASE
+)
 
-# What stands for a missing point if all three coordinates are it.
+# Values that mark a missing point if all three coordinates have them.
 _SENTINELS = (-999.0, -9999.0)
 
 
 def read_text(path: Path, most: int = -1) -> list[str]:
-    """Return the lines of a text in UTF-8, in UTF-16 with its mark, or else in Latin-1.
+    """Return the lines of a text file in UTF-8, UTF-16 or UTF-32 with its mark, or Latin-1.
 
-    Those of its first ``most`` bytes, if it is not negative.
+    If ``most`` is not negative, only that many bytes are read.
     """
     with path.open("rb") as file:
         content = file.read(most)
     text = _decoded(path, content).replace("\r\n", "\n").replace("\r", "\n")
     if not text.strip():
-        raise CorrespondenceError(
-            f"{path} is empty. Export what it should hold again, or remove it."
-        )
+        raise CorrespondenceError(f"{path} is empty. Export it again, or remove it.")
     if "\0" in text:
         raise CorrespondenceError(
-            f"{path} is not text (it holds bytes of value zero). If it is UTF-16 without a byte "
-            "order mark, save it as UTF-8."
+            f"{path} is not text: it contains zero bytes. If it is UTF-16 without a byte order "
+            "mark, save it as UTF-8."
         )
     return text.split("\n")
 
@@ -96,8 +99,8 @@ def _decoded(path: Path, content: bytes) -> str:
                 return content.removeprefix(mark).decode(encoding)
             except UnicodeDecodeError as error:
                 raise CorrespondenceError(
-                    f"{path} begins as {encoding.upper()}, but byte {error.start} is not of it. "
-                    "Save it as UTF-8."
+                    f"{path} begins as {encoding.upper()}, but byte {error.start} is not valid in "
+                    "it. Save it as UTF-8."
                 ) from None
     try:
         return content.decode("utf-8")
@@ -106,21 +109,21 @@ def _decoded(path: Path, content: bytes) -> str:
 
 
 def cells_of(line: str, separator: str) -> list[str]:
-    """Return the cells of a line, without blanks around them; quotes hold separators."""
+    """Return the cells of a line without surrounding blanks; separators in quotes are kept."""
     try:
         cells = next(csv.reader([line], delimiter=separator, skipinitialspace=True), [])
-    except csv.Error:  # a line of megabytes: no table
+    except csv.Error:  # a line of megabytes is not a table
         return [line]
     return [cell.strip() for cell in cells]
 
 
 def is_missing(cell: str) -> bool:
-    """Return whether a cell says that there is no number: blank, NaN, NA."""
+    """Return whether a cell marks a missing number: blank, NaN, NA and the like."""
     return _UNKNOWN.fullmatch(cell.strip()) is not None
 
 
 def as_number(cell: str) -> float | None:
-    """Return the number that a cell holds, NaN where it says that there is none; else None."""
+    """Return the number in a cell, NaN if it marks a missing one, or None if it is invalid."""
     cell = cell.strip()
     if is_missing(cell):
         return math.nan
@@ -130,14 +133,14 @@ def as_number(cell: str) -> float | None:
 
 
 def as_count(cell: str) -> int | None:
-    """Return the whole number that a cell holds, else None."""
+    """Return the non-negative integer in a cell, or None if it is invalid."""
     return int(cell) if re.fullmatch(r"\d{1,9}", cell.strip(), re.ASCII) else None
 
 
 def position(
     path: Path, where: str, cells: list[str], sentinels: tuple[float, ...] = _SENTINELS
 ) -> FloatArray:
-    """Return three coordinates, all NaN where they say that the landmark is missing."""
+    """Return three coordinates; all are NaN if they mark a missing landmark."""
     numbers = [as_number(cell) for cell in cells]
     for cell, number in zip(cells, numbers, strict=True):
         if number is None:
@@ -150,8 +153,9 @@ def position(
         return np.full(3, np.nan)
     if 0 < np.isnan(at).sum() < 3:
         raise CorrespondenceError(
-            f"{path}, {where}: the landmark is known in part ({', '.join(map(repr, cells))}). Give "
-            "three numbers, or NA three times if it is missing."
+            f"{path}, {where}: the landmark has only some of its coordinates "
+            f"({', '.join(map(repr, cells))}). Give three numbers, or NA three times if it is "
+            "missing."
         )
     return at
 
@@ -159,21 +163,22 @@ def position(
 def as_read(
     path: Path, rows: list[PointRow], system: str | None = None, done: str = "", name: str = ""
 ) -> ReadLandmarks:
-    """Return the rows of a file as landmarks; raise where there are none, or names stand twice.
+    """Return the rows of a file as landmarks; raise an error if there are none or names repeat.
 
-    Those without a name are called by their number in the file, from 1.
+    Landmarks without a name are named by their number in the file, counted from 1.
     """
     if not rows:
         raise CorrespondenceError(
-            f"{path} holds no landmark. Export the landmarks again, or remove it."
+            f"{path} contains no landmarks. Export them again, or remove the file."
         )
     names = [row.name.strip() or str(i) for i, row in enumerate(rows, start=1)]
     first: dict[str, PointRow] = {}
     for row, label in zip(rows, names, strict=True):
         if label in first:
             raise CorrespondenceError(
-                f"{path} has several points of one name: {label!r} ({first[label].where} and "
-                f"{row.where}). Give each landmark a name of its own, and each specimen a file."
+                f"{path} has several points with the same name: {label!r} ({first[label].where} "
+                f"and {row.where}). Give each landmark its own name, and each specimen its own "
+                "file."
             )
         first[label] = row
     points = np.stack([row.at for row in rows])
@@ -182,7 +187,7 @@ def as_read(
 
 
 def moved(landmarks: Landmarks, points: FloatArray, name: str | None) -> Landmarks:
-    """Return landmarks at other coordinates, of a shape of that name."""
+    """Return a copy of landmarks with other coordinates and another name of the shape."""
     return Landmarks(
         points,
         landmarks.names,
@@ -194,11 +199,11 @@ def moved(landmarks: Landmarks, points: FloatArray, name: str | None) -> Landmar
 
 
 def shape_name(path: Path) -> str:
-    """Return the name of the shape that a landmark file is of: ``cat_Landmarks.fcsv`` is cat's."""
+    """Return the name of the shape of a landmark file: ``cat`` for ``cat_Landmarks.fcsv``."""
     stem = re.sub(r"(\.mrk)?\.[^.]*$", "", path.name, count=1, flags=re.IGNORECASE)
     return re.sub(MARKS + "$", "", stem, count=1, flags=re.IGNORECASE) or stem
 
 
 def text_of(value: float) -> str:
-    """Return a number so that it is read as the same float."""
+    """Return a number as text that is read back as the same float."""
     return repr(float(value))

@@ -1,4 +1,4 @@
-"""Surfaces of VTK (ParaView, 3D Slicer): legacy .vtk files of POLYDATA, and .vtp files."""
+"""VTK surfaces (ParaView, 3D Slicer): legacy .vtk files of type POLYDATA, and .vtp files."""
 
 import base64
 import re
@@ -33,19 +33,19 @@ def read_vtk(content: bytes) -> tuple[FloatArray, Polygons]:
     Raises
     ------
     MeshError
-        If it is no such file; the message goes on behind its name.
+        If the content cannot be read. The message continues a sentence that begins with the path.
     """
     if not content.startswith(b"# vtk DataFile"):
         raise MeshError("is not a legacy VTK file: it does not begin with '# vtk DataFile'.")
     if len(head := content.split(b"\n", 4)) < 4:
-        raise MeshError("ends within its head: the file is truncated.")
+        raise MeshError("ends within its header: the file is truncated.")
     kind = head[2].strip().upper()
     at = sum(len(line) + 1 for line in head[:3])
     reader = _Legacy(content, at, binary=kind == b"BINARY")
     dataset = reader.words()
     if [word.upper() for word in dataset] != ["DATASET", "POLYDATA"]:
         said = " ".join(dataset[1:]) or "nothing"
-        raise MeshError(f"holds {said}, not the POLYDATA of a surface. {_ADVICE}")
+        raise MeshError(f"contains {said}, not the POLYDATA of a surface. {_ADVICE}")
     points: FloatArray | None = None
     polygons: list[Polygons] = []
     while words := reader.words():
@@ -70,7 +70,7 @@ def read_vtk(content: bytes) -> tuple[FloatArray, Polygons]:
 
 
 class _Legacy:
-    """What goes through a legacy file."""
+    """Reader that moves through the content of a legacy file."""
 
     def __init__(self, content: bytes, at: int, *, binary: bool) -> None:
         self.content, self.at, self.binary = content, at, binary
@@ -81,7 +81,7 @@ class _Legacy:
         return line
 
     def words(self) -> list[str]:
-        """Return the words of the next line that has any; none at the end."""
+        """Return the words of the next non-blank line; an empty list at the end."""
         while self.at < len(self.content):
             if words := self._line().decode("latin-1").split():
                 return words
@@ -90,11 +90,11 @@ class _Legacy:
     def values(self, n: int, kind: str) -> Array:
         """Return the next n numbers."""
         if kind.lower() not in _LEGACY_TYPES:
-            raise MeshError(f"holds numbers of type {kind!r}, which is not read. {_ADVICE}")
+            raise MeshError(f"contains numbers of type {kind!r}, which is not supported. {_ADVICE}")
         if self.binary:
             dtype = np.dtype(">" + _LEGACY_TYPES[kind.lower()])
             if self.at + n * dtype.itemsize > len(self.content):
-                raise MeshError("is shorter than it says: the file is truncated.")
+                raise MeshError("is shorter than it declares: the file is truncated.")
             out = np.frombuffer(self.content, dtype, n, self.at)
             self.at += n * dtype.itemsize
             return out
@@ -102,11 +102,13 @@ class _Legacy:
         while len(words) < n and self.at < len(self.content):
             words += self._line().split()
         if len(words) != n:
-            raise MeshError(f"says {n} numbers follow, but {len(words)} do: truncated or damaged.")
+            raise MeshError(
+                f"declares {n} numbers, but {len(words)} follow: it is truncated or damaged."
+            )
         return numbers_of(words, "a number")
 
     def cells(self, n: int, size: int) -> Polygons:
-        """Return cells: counts between their corners, or, since version 5, offsets before them."""
+        """Return cells, stored as counts before their corners or, since version 5, as offsets."""
         place = self.at
         words = self.words()
         if words[:1] == ["OFFSETS"]:
@@ -125,7 +127,7 @@ class _Legacy:
             self.values(int(words[1]) * int(words[2]), words[3])
 
     def skip_metadata(self) -> None:
-        """Skip lines up to an empty one."""
+        """Skip lines up to and including the next empty one."""
         while self.at < len(self.content) and self._line().strip():
             pass
 
@@ -140,17 +142,17 @@ def _without_counts(table: IntArray, n: int) -> Polygons:
         kept[at] = False
         at += 1 + counts[-1]
     if len(counts) < n or at != len(table) or min(counts, default=0) < 0:
-        raise MeshError("has faces whose numbers of corners do not add up. Is it damaged?")
+        raise MeshError("has faces whose numbers of corners do not add up: the file is damaged.")
     return Polygons(table[kept], np.array(counts, dtype=np.int64))
 
 
 def read_vtp(content: bytes) -> tuple[FloatArray, Polygons]:
-    """Return the points and polygons of a .vtp file, as text or bytes, compressed by zlib or not.
+    """Return the points and polygons of a .vtp file, in text or binary form, or with zlib.
 
     Raises
     ------
     MeshError
-        If it is no such file; the message goes on behind its name.
+        If the content cannot be read. The message continues a sentence that begins with the path.
     """
     content, appended, raw = _without_appended(content)
     arrays = _Arrays(appended, raw)
@@ -168,7 +170,7 @@ def read_vtp(content: bytes) -> tuple[FloatArray, Polygons]:
                 corners = np.asarray(piece[section, "connectivity"], dtype=np.float64)
                 cells = Polygons(whole(corners, "a face") + n_points, np.diff(ends, prepend=0))
                 if (cells.counts < 0).any() or cells.counts.sum() != len(cells.corners):
-                    raise MeshError("has faces whose offsets do not add up: it is damaged.")
+                    raise MeshError("has faces whose offsets do not add up: the file is damaged.")
                 polygons.append(cells if section == "Polys" else strips_as_polygons(cells))
         points.append(own)
         n_points += len(own)
@@ -177,15 +179,18 @@ def read_vtp(content: bytes) -> tuple[FloatArray, Polygons]:
 
 def _surface(points: FloatArray | None, polygons: list[Polygons]) -> tuple[FloatArray, Polygons]:
     if points is None or not len(points):
-        raise MeshError(f"holds no points. {_ADVICE}")
+        raise MeshError(f"contains no points. {_ADVICE}")
     counts = np.concatenate([one.counts for one in polygons]) if polygons else np.empty(0, int)
     if not len(counts):
-        raise MeshError(f"holds {len(points)} points and no polygons: lines, or a cloud. {_ADVICE}")
+        raise MeshError(
+            f"contains {len(points)} points and no polygons: it has lines, or is a point cloud. "
+            f"{_ADVICE}"
+        )
     return points, Polygons(np.concatenate([one.corners for one in polygons]), counts)
 
 
 def _without_appended(content: bytes) -> tuple[bytes, bytes, bool]:
-    """Return the file without the bytes appended to it, which are no XML, and these."""
+    """Split a file into its XML part and its appended data; return also whether these are raw."""
     found = re.search(rb"<AppendedData[^>]*encoding\s*=\s*[\"'](\w+)[\"'][^>]*>\s*_", content)
     if found is None:
         return content, b"", False
@@ -207,7 +212,7 @@ class _Arrays:
         self._section = ""
         self._array: dict[str, str] | None = None
         self._text: list[str] = []
-        self._nested = 0  # tags within the array, which say something about it
+        self._nested = 0  # depth of tags within the array, which describe it
         self._order, self._header, self._compressed = "<", "u4", False
 
     def parse(self, content: bytes) -> None:
@@ -220,7 +225,7 @@ class _Arrays:
             parser.Parse(content, True)
         except expat.ExpatError as error:
             raise MeshError(
-                f"is not a complete XML file ({error}): truncated, or damaged."
+                f"is not a complete XML file ({error}): it is truncated or damaged."
             ) from None
 
     def _text_of_array(self, text: str) -> None:
@@ -232,12 +237,12 @@ class _Arrays:
             self._nested += 1
         elif tag == "VTKFile":
             if attributes.get("type") != "PolyData":
-                raise MeshError(f"holds {attributes.get('type')}, not PolyData. {_ADVICE}")
+                raise MeshError(f"contains {attributes.get('type')}, not PolyData. {_ADVICE}")
             self._order = ">" if attributes.get("byte_order") == "BigEndian" else "<"
             self._header = _TYPES.get(attributes.get("header_type", "UInt32"), "u4")
             compressor = attributes.get("compressor", "")
             if compressor not in ("", "vtkZLibDataCompressor"):
-                raise MeshError(f"is compressed by {compressor}; choose ZLib, or none. {_ADVICE}")
+                raise MeshError(f"is compressed by {compressor}; use ZLib or none. {_ADVICE}")
             self._compressed = bool(compressor)
         elif tag == "Piece":
             self.pieces.append({})
@@ -261,7 +266,9 @@ class _Arrays:
     def _values(self, array: dict[str, str], text: str) -> Array:
         kind = _TYPES.get(array.get("type", ""))
         if kind is None:
-            raise MeshError(f"holds numbers of type {array.get('type')!r}, which is not read.")
+            raise MeshError(
+                f"contains numbers of type {array.get('type')!r}, which is not supported."
+            )
         form = array.get("format", "ascii")
         if form == "ascii":
             return numbers_of(text.encode().split(), "a number")
@@ -271,7 +278,7 @@ class _Arrays:
         return np.frombuffer(self._bytes(text.strip().encode(), False), self._order + kind)
 
     def _bytes(self, data: bytes, raw: bool) -> bytes:
-        """Return what a block of data holds; its size, or those of its parts, go ahead."""
+        """Return the content of a block of data, which begins with its size or those of parts."""
         size = np.dtype(self._order + self._header)
         try:
             if not self._compressed:
@@ -287,14 +294,16 @@ class _Arrays:
                 whole_block = b"".join(_unpacked(packed, sizes))
                 n = len(whole_block)
         except (ValueError, IndexError, zlib.error):
-            raise MeshError("holds data that cannot be unpacked: truncated, or damaged.") from None
+            raise MeshError(
+                "contains data that cannot be unpacked: it is truncated or damaged."
+            ) from None
         if len(whole_block) != n:
-            raise MeshError("is shorter than it says: the file is truncated.")
+            raise MeshError("is shorter than it declares: the file is truncated.")
         return whole_block
 
 
 def _head(data: bytes, n: int, raw: bool) -> bytes:
-    """Return the first n bytes of a block, fewer if there are no more."""
+    """Return the first n bytes of a block, or fewer if it is shorter."""
     if raw:
         return data[:n]
     return base64.b64decode(data[: 4 * -(-n // 3)])[:n]
@@ -308,4 +317,4 @@ def _unpacked(packed: bytes, sizes: IntArray) -> Iterator[bytes]:
 
 
 def _no_entities(*_: object) -> None:
-    raise MeshError("declares XML entities, as no VTK file does.")
+    raise MeshError("declares XML entities, which VTK files never do.")

@@ -1,4 +1,4 @@
-"""Surfaces as ParaView reads them, with arrays at their vertices: ``.vtp`` and ``.vtk``."""
+"""Writing of surfaces with arrays at their vertices for ParaView: ``.vtp`` and ``.vtk``."""
 
 import base64
 from collections.abc import Mapping
@@ -20,10 +20,17 @@ def vtp_of(vertices: FloatArray, faces: IntArray, arrays: Mapping[str, Array]) -
 
     Parameters
     ----------
-    vertices, faces : ndarray of shape (n_vertices, 3), ndarray of int, shape (n_faces, 3)
-        The surface.
+    vertices : ndarray of shape (n_vertices, 3)
+        Coordinates.
+    faces : ndarray of int, shape (n_faces, 3)
+        Triangles.
     arrays : dict of ndarray of shape (n_vertices,) or (n_vertices, n_columns)
-        What its vertices hold, by name.
+        Arrays at the vertices, by name.
+
+    Returns
+    -------
+    bytes
+        Content of the file.
     """
     n, m = len(vertices), len(faces)
     ends = 3 * np.arange(1, m + 1)
@@ -43,7 +50,7 @@ def vtp_of(vertices: FloatArray, faces: IntArray, arrays: Mapping[str, Array]) -
 
 
 def _data_array(name: str, values: Array) -> str:
-    """Return an array as bytes in base64, with their number ahead."""
+    """Return an array as base64, preceded by its number of bytes."""
     kind = _kind(values)
     content = np.ascontiguousarray(values, dtype=f"<{kind}").tobytes()
     head = np.array([len(content)], dtype="<u8").tobytes()
@@ -56,9 +63,9 @@ def _data_array(name: str, values: Array) -> str:
 
 
 def vtk_of(vertices: FloatArray, faces: IntArray, arrays: Mapping[str, Array]) -> bytes:
-    """Return the content of a binary legacy .vtk file; parameters are those of `vtp_of`.
+    """Return the content of a binary legacy .vtk file.
 
-    Blanks in the names of arrays become underscores.
+    The parameters are those of `vtp_of`. Blanks in names of arrays become underscores.
     """
     n, m = len(vertices), len(faces)
     cells = np.column_stack([np.full(m, 3), faces])
@@ -82,7 +89,7 @@ def _big_endian(values: Array, kind: str) -> bytes:
 
 
 def _kind(values: Array) -> str:
-    """Return the type of numbers as it is written: all integers but bytes have 64 bits."""
+    """Return the type in which numbers are written: integers other than bytes have 64 bits."""
     if values.dtype == np.uint8:
         return "u1"
     return "i8" if values.dtype.kind in "iub" else "f8"

@@ -1,4 +1,4 @@
-"""Landmarks of many specimens: tables, measurements, semilandmarks, symmetry."""
+"""Landmarks of many specimens: tables, measurements, semilandmarks and symmetry."""
 
 from skfmap.landmarks.alignment import align_landmarks
 from skfmap.landmarks.measure import distances

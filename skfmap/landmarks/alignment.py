@@ -1,4 +1,4 @@
-"""Specimens rotated and translated onto their mean, in their own size."""
+"""Alignment of specimens with their mean."""
 
 import numpy as np
 import numpy.typing as npt
@@ -9,17 +9,18 @@ from skfmap.landmarks.tables import as_stack
 
 __all__ = ["align_landmarks"]
 
-# Movement of the mean, as a share of its size, at which the alignment ends, and most rounds.
+# The alignment ends when the mean moves by less than this fraction of its size, or after this many
+# rounds.
 _TOL, _MOST_ROUNDS = 1e-10, 200
-# Points that it takes to turn one specimen onto another.
+# Minimum number of points to rotate one specimen onto another.
 _FEWEST = 3
 
 
 def align_landmarks(array: npt.ArrayLike, *, scale: bool = False) -> FloatArray:
     """Return specimens rotated and translated onto their mean (generalised Procrustes analysis).
 
-    Scanned specimens lie anywhere; once aligned, they can be compared point by point. The exported
-    table is never aligned.
+    Scanned specimens have arbitrary positions; after alignment they can be compared point by point.
+    The exported table is never aligned.
 
     Parameters
     ----------
@@ -31,8 +32,9 @@ def align_landmarks(array: npt.ArrayLike, *, scale: bool = False) -> FloatArray:
     Returns
     -------
     ndarray of shape (n_specimens, n_landmarks, 3)
-        Oriented like the first of the specimens with the most landmarks, with the mean's centroid
-        at the origin; missing landmarks stay NaN, and are ignored.
+        Aligned specimens. They are oriented like the first of the specimens with the most
+        landmarks, and the centroid of the mean is at the origin. Missing landmarks are ignored, and
+        stay NaN.
 
     Raises
     ------
@@ -58,8 +60,8 @@ def align_landmarks(array: npt.ArrayLike, *, scale: bool = False) -> FloatArray:
     if (there.sum(axis=1) < _FEWEST).any():
         few = int(np.argmax(there.sum(axis=1) < _FEWEST))
         raise ValueError(
-            f"Specimen {few} has {int(there[few].sum())} landmarks; it takes {_FEWEST} to turn it "
-            "onto the others. Leave it out."
+            f"Specimen {few} has {int(there[few].sum())} landmarks, but alignment takes at least "
+            f"{_FEWEST}. Leave it out."
         )
     if scale:
         points = np.array([_of_unit_size(one) for one in points])
@@ -74,7 +76,7 @@ def align_landmarks(array: npt.ArrayLike, *, scale: bool = False) -> FloatArray:
 
 
 def _turned(points: FloatArray, mean: FloatArray) -> FloatArray:
-    """Return points, turned and shifted so that those that the mean has are nearest to it."""
+    """Return points, rotated and translated so that those in the mean are closest to it."""
     both = ~np.isnan(points[:, 0]) & ~np.isnan(mean[:, 0])
     weights = both / both.sum()
     known, onto = np.nan_to_num(points), np.nan_to_num(mean)
@@ -96,5 +98,5 @@ def _centred(points: FloatArray) -> FloatArray:
 def _of_unit_size(points: FloatArray) -> FloatArray:
     size = float(np.sqrt(np.nansum(np.square(_centred(points)))))
     if size == 0:
-        raise ValueError("A specimen has all landmarks in one place, and no size; leave it out.")
+        raise ValueError("All landmarks of a specimen coincide, so it has no size; leave it out.")
     return points / size

@@ -12,24 +12,24 @@ __all__ = ["distances"]
 
 
 def distances(landmarks: Sequence[Landmarks], pairs: Sequence[tuple[str, str]]) -> FloatArray:
-    """Return straight distances between pairs of landmarks, in units of the meshes.
+    """Return straight-line distances between pairs of landmarks, in the units of the meshes.
 
     Parameters
     ----------
     landmarks : sequence of Landmarks
-        One for each specimen.
+        Landmarks of each specimen.
     pairs : sequence of (str, str)
-        Names of the landmarks at both ends.
+        Names of the two landmarks of each pair.
 
     Returns
     -------
     ndarray of shape (n_specimens, n_pairs)
-        NaN where a specimen lacks one of the two.
+        Distances; NaN where a specimen lacks one of the two landmarks.
 
     Raises
     ------
     CorrespondenceError
-        If no specimen has a landmark of that name.
+        If no specimen has a landmark with one of the names.
 
     Examples
     --------
@@ -41,6 +41,6 @@ def distances(landmarks: Sequence[Landmarks], pairs: Sequence[tuple[str, str]]) 
     """
     kept, ends = check_landmarks(landmarks), [tuple(pair) for pair in pairs]
     if any(len(pair) != 2 for pair in ends):
-        raise ValueError("pairs must hold two names each, as in [('nose', 'chin')].")
+        raise ValueError("Each pair must consist of two names, as in [('nose', 'chin')].")
     start, end = (stack_landmarks(kept, [pair[j] for pair in ends]) for j in range(2))
     return np.asarray(np.linalg.norm(end - start, axis=2))

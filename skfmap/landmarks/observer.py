@@ -1,4 +1,4 @@
-"""How well an observer finds a landmark again."""
+"""Repeatability of landmarks that an observer has placed twice."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -25,9 +25,9 @@ class ObserverError:
     mean : float or None
         Mean over all landmarks that were placed twice.
     of_one_placing : ndarray of shape (n_landmarks,) or None
-        Root mean square distance of one placing from where the observer would put it on average:
-        the distance between two placings, divided by the root of two (Dahlberg). A prediction that
-        is compared with a single placing cannot have a smaller error.
+        Root mean square distance of one placing from the observer's mean placing: the distance
+        between two placings, divided by the square root of two (Dahlberg). A prediction that is
+        compared with a single placing cannot have a smaller error.
     names : tuple of str
         Names of the landmarks.
     n_specimens : int
@@ -41,7 +41,7 @@ class ObserverError:
     n_specimens: int = 0
 
     def __repr__(self) -> str:
-        """Return a line that says what is known, in words where that is nothing."""
+        """Return the main figures in one line, or say that they are unknown."""
         if self.per_landmark is None or self.mean is None:
             return "ObserverError(unknown: no specimen was digitised twice)"
         at = int(np.nanargmax(self.per_landmark))
@@ -66,7 +66,7 @@ def observer_error(
     Returns
     -------
     ObserverError
-        Per landmark and on average; it says so if nothing is known.
+        The error of each landmark, and the mean error; its fields are None if it is unknown.
 
     Raises
     ------
@@ -109,9 +109,11 @@ def _by_name(landmarks: list[Landmarks], what: str) -> dict[str, Landmarks]:
     names = [one.name for one in landmarks]
     if None in names:
         raise CorrespondenceError(
-            f"{what}[{names.index(None)}] has no name, by which specimens are joined; give "
+            f"{what}[{names.index(None)}] has no name, but specimens are joined by name; give "
             "Landmarks(..., name=...)."
         )
     if twice := sorted({str(name) for name in names if names.count(name) > 1}):
-        raise CorrespondenceError(f"Several specimens of {what} have one name: {', '.join(twice)}.")
+        raise CorrespondenceError(
+            f"Several specimens of {what} have the same name: {', '.join(twice)}. Rename them."
+        )
     return {str(one.name): one for one in landmarks}

@@ -1,4 +1,4 @@
-"""Points that were placed once, on the reference, carried onto all specimens."""
+"""Carrying of points from the reference onto all specimens."""
 
 from collections.abc import Sequence
 from typing import cast
@@ -27,29 +27,30 @@ def carry_points(
     Parameters
     ----------
     carriers : sequence of Registered, or of Match
-        From `skfmap.register`, or from `skfmap.match`. Registered meshes give smoother results,
-        since a match knows only vertices.
+        Results of `skfmap.register` or `skfmap.match`. Registered meshes give smoother results,
+        because a match only refers to vertices.
     points : Landmarks
-        Semilandmarks on the reference, in the units and the place of its mesh; missing ones stay
+        Semilandmarks on the reference, in the units and coordinates of its mesh; missing ones stay
         missing.
     reference : Mesh
-        The reference's mesh as it was given.
+        The given mesh of the reference.
     meshes : sequence of Mesh, optional
         The specimens' own meshes; needed for matches.
 
     Returns
     -------
     list of Landmarks
-        One for each specimen, in the units and the place of its mesh, with the names of ``points``.
-        All are missing on a shape that was left out.
+        The points on each specimen, in the units and coordinates of its mesh, with the names of
+        ``points``. On a shape that was left out, all points are missing.
 
     Raises
     ------
     CorrespondenceError
-        If points do not lie on the reference, or do not end up on a specimen's own mesh; the
-        message says what may be wrong.
+        If points do not lie on the reference, or are not carried onto a specimen's own mesh; the
+        message suggests possible causes.
     MeshError
-        If the reference is not the mesh that was laid on or matched to, or does not fit a shape.
+        If ``reference`` is not the mesh that was registered or matched to, or if it does not fit a
+        shape.
 
     See Also
     --------
@@ -84,9 +85,9 @@ def carry_points(
 
 
 def _places(points: Landmarks, mesh: Mesh) -> tuple[IntArray, SurfacePlaces]:
-    """Return which landmarks are placed, and where on a mesh; raise if they lie off it."""
+    """Return which landmarks are present, and their places on a mesh; raise if they are off it."""
     on_mesh = Correspondence.from_points(points, mesh)
-    return on_mesh.pairs[:, 1], cast(SurfacePlaces, on_mesh.places)  # from points there are
+    return on_mesh.pairs[:, 1], cast(SurfacePlaces, on_mesh.places)  # never None from points
 
 
 def _at(places: SurfacePlaces, vertices: FloatArray) -> FloatArray:
@@ -94,7 +95,7 @@ def _at(places: SurfacePlaces, vertices: FloatArray) -> FloatArray:
 
 
 def _with_rows(points: Landmarks, rows: IntArray, at: FloatArray, name: str | None) -> Landmarks:
-    """Return landmarks of the same names, with points in some rows and none in the others."""
+    """Return landmarks with the same names, with points in some rows and NaN in the others."""
     every = np.full((len(points.names), 3), np.nan)
     every[rows] = at
     return Landmarks(every, points.names, name=name)
@@ -106,7 +107,7 @@ def _on_surface(points: Landmarks, mesh: Mesh) -> Landmarks:
 
 
 def _laid(one: Registered | Match, mesh: Mesh | None, reference: Mesh, who: str) -> FloatArray:
-    """Return where the vertices of the reference are on a shape; NaN if they are nowhere."""
+    """Return positions of the reference's vertices on a shape; NaN where they have none."""
     if isinstance(one, Registered):
         if not one.fits and np.isfinite(one.vertices).all():
             raise MeshError(
@@ -117,15 +118,15 @@ def _laid(one: Registered | Match, mesh: Mesh | None, reference: Mesh, who: str)
     elif isinstance(one, Match):
         if mesh is None or one.inverse is None:
             raise ValueError(f"{who}: a match needs the shape's own mesh; give meshes.")
-        laid = np.vstack([mesh.vertices, np.full(3, np.nan)])[one.inverse]  # -1 finds the last
+        laid = np.vstack([mesh.vertices, np.full(3, np.nan)])[one.inverse]  # -1 picks the last row
         same = True
     else:
         raise TypeError(
-            f"{who} must be what skfmap.register or skfmap.match returns; got {type(one).__name__}."
+            f"{who} must come from skfmap.register or skfmap.match; got {type(one).__name__}."
         )
     if len(laid) != reference.n_vertices or not same:
         raise MeshError(
-            f"{who} has another reference, of {len(laid)} vertices, than the mesh given for it, "
-            f"of {reference.n_vertices}; give the mesh of {one.reference_name!r}."
+            f"The reference of {who} has {len(laid)} vertices and is not the given mesh, which has "
+            f"{reference.n_vertices}; give the mesh of {one.reference_name!r}."
         )
     return np.asarray(laid)

@@ -1,4 +1,4 @@
-"""What a mean error hides: predictions that are closer to the mean than specimens are."""
+"""Shrinkage of predicted landmarks towards the mean, which a mean error does not show."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -18,13 +18,13 @@ from skfmap.shapes import Landmarks
 
 __all__ = ["Shrinkage", "shrinkage"]
 
-# Fewer specimens than this do not vary in a way that could be told.
+# Minimum number of specimens to estimate a variance from.
 _FEWEST = 3
 
 
 @dataclass(frozen=True, repr=False)
 class Shrinkage:
-    """How much of the variation of specimens their predicted landmarks keep.
+    """How much of the variation between specimens predicted landmarks retain.
 
     Attributes
     ----------
@@ -52,7 +52,7 @@ class Shrinkage:
     n_specimens: int
 
     def __repr__(self) -> str:
-        """Return a line with both figures, and the landmark that shrinks the most."""
+        """Return both figures and the landmark that shrinks most, in one line."""
         told = self.per_landmark[~np.isnan(self.per_landmark)]
         least = ""
         if len(told):
@@ -68,17 +68,17 @@ class Shrinkage:
 def shrinkage(predicted: Sequence[Landmarks], true: Sequence[Landmarks]) -> Shrinkage:
     """Compare how much predicted and true landmarks vary from specimen to specimen.
 
-    Each set is rotated and translated onto its own mean in its own size, as a shape analysis would
-    do, so specimens may lie anywhere; then variances about the means are compared.
+    Each set is first rotated and translated onto its own mean, without scaling, as in shape
+    analysis, so specimens may have any position. Then the variances about the means are compared.
 
     Parameters
     ----------
     predicted : sequence of Landmarks
-        One for each specimen, as `skfmap.predict_landmarks` returns them, of specimens that were
-        not used for training.
+        Predicted landmarks of each specimen, from `skfmap.predict_landmarks`; the specimens must
+        not have been used for training.
     true : sequence of Landmarks
-        Of the same specimens, in the same order. A landmark that is missing in one of the two is
-        ignored in both.
+        True landmarks of the same specimens, in the same order. A landmark that is missing in one
+        of the two is ignored in both.
 
     Returns
     -------
@@ -132,7 +132,7 @@ def _check_same_specimens(predicted: list[Landmarks], true: list[Landmarks]) -> 
     if len(predicted) != len(true):
         raise CorrespondenceError(
             f"There are {len(predicted)} predicted specimens but {len(true)} true ones; give the "
-            "same in the same order."
+            "same specimens in the same order."
         )
     for i, (a, b) in enumerate(zip(predicted, true, strict=True)):
         if a.name is not None and b.name is not None and a.name != b.name:
@@ -142,13 +142,13 @@ def _check_same_specimens(predicted: list[Landmarks], true: list[Landmarks]) -> 
             )
     if len(true) < _FEWEST:
         raise ValueError(
-            f"It takes {_FEWEST} specimens to tell how they vary; got {len(true)}. Predict more of "
-            "them, each left out of the training in turn."
+            f"It takes at least {_FEWEST} specimens to estimate variances; got {len(true)}. "
+            "Predict more of them, each left out of the training in turn."
         )
 
 
 def _variances(aligned: FloatArray) -> FloatArray:
-    """Return the variance of each landmark about its mean, NaN for those of too few specimens."""
+    """Return the variance of each landmark about its mean; NaN if too few specimens have it."""
     counts = (~np.isnan(aligned[:, :, 0])).sum(axis=0)
     mean = np.nansum(aligned, axis=0) / np.maximum(counts, 1)[:, None]
     squares = np.nansum(np.square(aligned - mean), axis=(0, 2))

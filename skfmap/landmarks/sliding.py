@@ -18,10 +18,10 @@ from skfmap.shapes import Correspondence, Landmarks, Mesh
 
 __all__ = ["slide"]
 
-# Share of the largest stiffness that holds movements back which bend nothing.
+# Ridge, as a fraction of the largest stiffness, against movements that cost no energy.
 _FREE = 1e-10
-# Where the surface is curved, a step can miss what its tangent planes promise; so often it is
-# halved.
+# On a curved surface a step in the tangent planes may not lower the energy; it is then halved, at
+# most this many times.
 _HALVINGS = 6
 
 
@@ -34,19 +34,21 @@ def slide(
     reference: Landmarks | None = None,
     n_rounds: int = 5,
 ) -> list[Landmarks]:
-    """Slide semilandmarks along surfaces and curves to where they bend the reference least.
+    """Slide semilandmarks along surfaces and curves to minimise the bending energy.
 
     The position of a semilandmark along the surface carries no information; only the surface does.
-    Each is moved in its tangent plane, or along its curve, so that the thin-plate spline from the
-    reference has the least bending energy (Bookstein 1997, Gunz et al. 2005), and then put back
-    onto the surface or the curve. Landmarks in neither ``surfaces`` nor ``curves`` are fixed.
+    Each semilandmark is moved in its tangent plane, or along its curve, to minimise the bending
+    energy of the thin-plate spline from the reference (Bookstein 1997, Gunz et al. 2005), and then
+    projected back onto the surface or the curve. Landmarks in neither ``surfaces`` nor ``curves``
+    are fixed.
 
     Parameters
     ----------
     landmarks : sequence of Landmarks
         Landmarks and semilandmarks of each specimen. Fixed ones may be missing.
     meshes : sequence of Mesh, optional
-        The specimens' meshes; needed for ``surfaces``. Points of curves are put back onto them too.
+        The specimens' meshes; needed for ``surfaces``. Points of curves are projected onto them
+        too.
     surfaces : sequence of str, default=()
         Names of the semilandmarks that slide on the surface.
     curves : sequence of sequence of str, default=()
@@ -54,15 +56,15 @@ def slide(
         along the polyline through the given points; if the curve is closed, repeat the first name
         at the end.
     reference : Landmarks, optional
-        Configuration that is bent, with all names; by default the mean of the specimens, aligned
-        and scaled to one size, and computed again in each round.
+        Configuration that the splines start from, with all names. By default it is the mean of the
+        specimens, aligned and scaled to the same size, and computed again in each round.
     n_rounds : int, default=5
-        How often points are moved and put back.
+        Number of rounds of moving and projecting the points.
 
     Returns
     -------
     list of Landmarks
-        In the units and the place of each specimen. Fixed landmarks stay where they are.
+        Landmarks in the units and coordinates of each specimen. Fixed landmarks do not move.
 
     Raises
     ------
@@ -70,14 +72,14 @@ def slide(
         If a name is unknown or slides in two ways, if a sliding point is missing, or if landmarks
         do not lie on the mesh given for them.
     ValueError
-        If points of the surface are to slide without meshes.
+        If points slide on the surface and no meshes are given, or if no point slides.
 
     Notes
     -----
-    In each round the energy of a specimen, measured against that round's reference, does not
-    increase. If a specimen is rotated, translated or scaled, so is the result. Semilandmarks need
-    fixed landmarks around them, at least four that are not in one plane; otherwise all of them may
-    move by an affine map, which costs nothing.
+    In each round the energy of a specimen, relative to that round's reference, does not increase.
+    If a specimen is rotated, translated or scaled, so is the result. Semilandmarks need fixed
+    landmarks around them, at least four that are not in one plane; otherwise all of them may move
+    by an affine map, which costs no energy.
 
     References
     ----------
@@ -88,7 +90,7 @@ def slide(
 
     Examples
     --------
-    A point in the middle of an edge slides on the second specimen to where it is on the first:
+    On the second specimen, the point between two corners slides to where it is on the first:
 
     >>> from skfmap import Landmarks
     >>> from skfmap.landmarks import slide
@@ -123,14 +125,14 @@ def slide(
 
 
 class _Sliding(NamedTuple):
-    """Which columns slide on the surface, and the columns of each curve with both ends."""
+    """Columns that slide on the surface, and columns of each curve including both ends."""
 
     surface: IntArray
     curves: list[IntArray]
 
 
 class _PutBack(NamedTuple):
-    """The way back of one specimen: where points belong, and normals of its surface there."""
+    """Projection onto the curves and surface of one specimen, and the surface normals."""
 
     onto: Callable[[FloatArray], FloatArray]
     normals: Callable[[FloatArray], FloatArray]
@@ -144,17 +146,18 @@ def _sliding(
     told = [*surfaces, *(name for curve in curves for name in curve)]
     if unknown := sorted({name for name in told if name not in names}):
         raise CorrespondenceError(
-            f"{', '.join(unknown)}: no such landmark; there are {', '.join(names)}."
+            f"There is no landmark {', '.join(unknown)}; there are {', '.join(names)}."
         )
     if short := [curve for curve in curves if len(curve) < 3]:
         raise CorrespondenceError(
-            f"The curve {', '.join(short[0])} has no point between its ends that could slide."
+            f"The curve {', '.join(short[0])} has no point between its ends that could slide; name "
+            "at least three."
         )
     slides = [*surfaces, *(name for curve in curves for name in curve[1:-1])]
     if twice := sorted({name for name in slides if slides.count(name) > 1}):
         raise CorrespondenceError(
-            f"{', '.join(twice)}: slides on two curves, or on a curve and on the surface. Name it "
-            "once; the ends of a curve may be named again."
+            f"{', '.join(twice)} slides on two curves, or on a curve and on the surface. Name it "
+            "once; only the ends of a curve may be named again."
         )
     if not slides:
         raise ValueError("Nothing slides: name points in surfaces or in curves.")
@@ -182,10 +185,10 @@ def _check_there(
 def _check_meshes(
     meshes: Sequence[Mesh] | None, landmarks: list[Landmarks], sliding: _Sliding
 ) -> None:
-    """Raise unless there is a mesh for each specimen that its landmarks lie on."""
+    """Raise unless the landmarks of each specimen lie on its mesh."""
     if meshes is None:
         if len(sliding.surface):
-            raise ValueError("Points slide on surfaces of meshes; give meshes, one per specimen.")
+            raise ValueError("Points slide on the surface of a mesh; give one mesh per specimen.")
         return
     if len(meshes) != len(landmarks):
         raise ValueError(
@@ -198,7 +201,7 @@ def _check_meshes(
 def _put_back(
     points: FloatArray, meshes: Sequence[Mesh] | None, sliding: _Sliding
 ) -> list[_PutBack]:
-    """Return for each specimen how points get back onto its curves and its surface."""
+    """Return the projection onto the curves and the surface of each specimen."""
     inside = [curve[1:-1] for curve in sliding.curves]
     on_mesh = np.concatenate([sliding.surface, *inside]).astype(np.int64)
 
@@ -225,7 +228,7 @@ def _put_back(
 
 
 def _energies(reference: FloatArray) -> Callable[[FloatArray], FloatArray]:
-    """Return what gives the bending matrix of a reference, without the points that one lacks."""
+    """Return a function for the bending matrix, which omits the landmarks a specimen lacks."""
     made: dict[bytes, FloatArray] = {}
 
     def matrix(points: FloatArray) -> FloatArray:
@@ -240,7 +243,7 @@ def _energies(reference: FloatArray) -> Callable[[FloatArray], FloatArray]:
 
 
 def _slid(points: FloatArray, L: FloatArray, sliding: _Sliding, back: _PutBack) -> FloatArray:
-    """Return points of one specimen after one step, which lowers their energy or is none."""
+    """Return the points of one specimen after a step that lowers their energy, if there is one."""
     rows, directions = _tangents(points, sliding, back)
     step = np.zeros_like(points)
     np.add.at(step, rows, _best_step(points, L, rows, directions)[:, None] * directions)
@@ -253,7 +256,7 @@ def _slid(points: FloatArray, L: FloatArray, sliding: _Sliding, back: _PutBack) 
 
 
 def _tangents(points: FloatArray, sliding: _Sliding, back: _PutBack) -> tuple[IntArray, FloatArray]:
-    """Return in which directions points may move: the rows of the points, and unit vectors."""
+    """Return the directions in which points may move: rows of the points, and unit vectors."""
     rows, directions = [np.empty(0, dtype=np.int64)], [np.empty((0, 3))]
     for curve in sliding.curves:
         ahead = points[curve[2:]] - points[curve[:-2]]
@@ -261,7 +264,7 @@ def _tangents(points: FloatArray, sliding: _Sliding, back: _PutBack) -> tuple[In
         directions.append(ahead / np.maximum(np.linalg.norm(ahead, axis=1), 1e-300)[:, None])
     if len(sliding.surface):
         normals = back.normals(points[sliding.surface])
-        # The axis that is the farthest from the normal, and what is square to both.
+        # Start from the axis that is farthest from the normal.
         axis = np.eye(3)[np.abs(normals).argmin(axis=1)]
         first = np.cross(normals, axis)
         first /= np.maximum(np.linalg.norm(first, axis=1), 1e-300)[:, None]
@@ -273,7 +276,7 @@ def _tangents(points: FloatArray, sliding: _Sliding, back: _PutBack) -> tuple[In
 def _best_step(
     points: FloatArray, L: FloatArray, rows: IntArray, directions: FloatArray
 ) -> FloatArray:
-    """Return how far to go in each direction: where the energy, which is quadratic, is least."""
+    """Return the step along each direction that minimises the energy, which is quadratic."""
     A = L[np.ix_(rows, rows)] * (directions @ directions.T)
     gradient = np.einsum("nd,nd->n", directions, (L @ _centred(points))[rows])
     A[np.diag_indices_from(A)] += _FREE * A.diagonal().max() or 1.0
@@ -286,14 +289,14 @@ def _energy(points: FloatArray, L: FloatArray) -> float:
 
 
 def _centred(points: FloatArray) -> FloatArray:
-    """Return points about their mean; what is missing becomes 0, where the energy has 0 too."""
+    """Return points minus their mean; missing ones become 0, and do not affect the energy."""
     return np.nan_to_num(points - np.nanmean(points, axis=0))
 
 
 def _nearest_on_line(points: FloatArray, line: FloatArray) -> FloatArray:
-    """Return the nearest points of the line through given ones."""
+    """Return the nearest points on a polyline."""
     n_segments = len(line) - 1
-    ends = np.stack([line[:-1], line[1:], line[1:]], axis=1)  # triangles without a width
+    ends = np.stack([line[:-1], line[1:], line[1:]], axis=1)  # segments as degenerate triangles
     weights, squared = nearest_on_triangles(
         np.repeat(points, n_segments, axis=0), np.tile(ends, (len(points), 1, 1))
     )
@@ -309,5 +312,5 @@ def _mean(points: FloatArray) -> FloatArray:
 
 
 def _like(one: Landmarks, points: FloatArray, names: tuple[str, ...]) -> Landmarks:
-    """Return landmarks with the names of others and new points."""
+    """Return landmarks with the names of ``one`` and new points."""
     return Landmarks(points[[names.index(name) for name in one.names]], one.names, name=one.name)

@@ -1,4 +1,4 @@
-"""Landmarks that mirror each other, and what is symmetric in a specimen (object symmetry)."""
+"""Object symmetry: landmarks that mirror each other, and the symmetric part of a specimen."""
 
 import re
 from collections.abc import Sequence
@@ -13,7 +13,7 @@ from skfmap.landmarks.tables import as_stack
 
 __all__ = ["Pairing", "asymmetric_component", "propose_pairing", "symmetric_component"]
 
-# Left and right as the beginning or the end of a name, and as words that nothing else can mean.
+# Left and right at the beginning or the end of a name, and patterns that can only mean a side.
 _SIDES = (("left", "right"), ("l", "r"))
 _SAYS_A_SIDE = re.compile(
     r"(?:^|[^a-z])(?:left|right|[lr])(?:[^a-z]|$)|^(?:left|right)|(?:left|right)$", re.IGNORECASE
@@ -21,7 +21,7 @@ _SAYS_A_SIDE = re.compile(
 
 
 class Pairing:
-    """Which landmarks mirror each other, and which lie on the midline.
+    """Pairs of landmarks that mirror each other, and landmarks on the midline.
 
     Parameters
     ----------
@@ -30,13 +30,13 @@ class Pairing:
     pairs : sequence of (str, str)
         Names of left and right landmarks that mirror each other.
     midline : sequence of str, default=()
-        Names of those on the midline, each its own mirror image. Every landmark must be in a pair
-        or on the midline.
+        Names of the landmarks on the midline, which are their own mirror images. Every landmark
+        must be in a pair or on the midline.
 
     Attributes
     ----------
     partner : ndarray of int, shape (n_landmarks,)
-        For each landmark the column of its mirror image.
+        Column of the mirror image of each landmark.
 
     Raises
     ------
@@ -66,7 +66,7 @@ class Pairing:
             self.partner[i], self.partner[j] = j, i
 
     def __repr__(self) -> str:
-        """Return a line with all pairs and the midline."""
+        """Return all pairs and the midline in one line."""
         pairs = ", ".join(f"{left} - {right}" for left, right in self.pairs)
         return f"Pairing({pairs}; midline: {', '.join(self.midline) or 'none'})"
 
@@ -74,41 +74,41 @@ class Pairing:
         told = [name for pair in self.pairs for name in pair] + list(self.midline)
         if twice := sorted({name for name in told if told.count(name) > 1}):
             raise CorrespondenceError(
-                f"{', '.join(twice)}: in two pairs, or in a pair and on the midline. Name each "
+                f"{', '.join(twice)} is in two pairs, or in a pair and on the midline. Name each "
                 "landmark once."
             )
         if unknown := [name for name in told if name not in self.names]:
             raise CorrespondenceError(
-                f"{', '.join(unknown)}: no such landmark; there are {', '.join(self.names)}."
+                f"There is no landmark {', '.join(unknown)}; there are {', '.join(self.names)}."
             )
         if left_out := [name for name in self.names if name not in told]:
             raise CorrespondenceError(
-                f"{', '.join(left_out)}: neither in a pair nor on the midline. Say which, or leave "
-                "these out: stack_landmarks(landmarks, names)."
+                f"{', '.join(left_out)} is neither in a pair nor on the midline. Add it to one of "
+                "these, or leave it out: stack_landmarks(landmarks, names)."
             )
 
 
 def propose_pairing(names: Sequence[str]) -> Pairing:
-    """Return the pairing that names suggest; check it before you use it.
+    """Propose a pairing based on the names of landmarks; check it before you use it.
 
     Two landmarks are a pair if their names differ by left and right, or L and R, at the beginning
-    or at the end: ``ear_L`` and ``ear_R``, ``left1`` and ``right1``. All others are taken to lie on
-    the midline.
+    or at the end: ``ear_L`` and ``ear_R``, ``left1`` and ``right1``. All others are assumed to lie
+    on the midline.
 
     Parameters
     ----------
     names : sequence of str
-        Of the landmarks, in the order of the columns of `stack_landmarks`.
+        Names of the landmarks, in the order of the columns of `stack_landmarks`.
 
     Returns
     -------
     Pairing
-        Its ``repr`` shows all pairs and the midline.
+        The proposed pairing; its ``repr`` shows all pairs and the midline.
 
     Raises
     ------
     CorrespondenceError
-        If no name has a partner, or if one that says a side has no partner, or two.
+        If no name has a partner, or if a name that contains a side has no partner, or two.
 
     Examples
     --------
@@ -121,19 +121,20 @@ def propose_pairing(names: Sequence[str]) -> Pairing:
     paired = [name for pair in pairs for name in pair]
     if ambiguous := sorted({name for name in paired if paired.count(name) > 1}):
         raise CorrespondenceError(
-            f"{', '.join(ambiguous)}: several landmarks could be the mirror image. Give the pairs: "
-            "Pairing(names, pairs, midline)."
+            f"{', '.join(ambiguous)}: more than one landmark could be the mirror image. Give the "
+            "pairs explicitly: Pairing(names, pairs, midline)."
         )
     if not pairs:
         raise CorrespondenceError(
-            f"No two names differ by a side: {', '.join(every)}. Give the pairs: "
-            "Pairing(names, pairs, midline)."
+            f"No two names differ only by their side: {', '.join(every)}. Give the pairs "
+            "explicitly: Pairing(names, pairs, midline)."
         )
     alone = [name for name in every if name not in paired]
     if one_sided := [name for name in alone if _SAYS_A_SIDE.search(name)]:
         raise CorrespondenceError(
-            f"{', '.join(one_sided)}: the name says a side, but there is no landmark on the other. "
-            "Leave it out, or give the pairs: Pairing(names, pairs, midline)."
+            f"{', '.join(one_sided)}: the name contains a side, but there is no landmark on the "
+            "other side. Leave it out, or give the pairs explicitly: Pairing(names, pairs, "
+            "midline)."
         )
     return Pairing(every, pairs, alone)
 
@@ -141,7 +142,7 @@ def propose_pairing(names: Sequence[str]) -> Pairing:
 def symmetric_component(array: npt.ArrayLike, pairing: Pairing) -> FloatArray:
     r"""Return the symmetric component of each specimen (object symmetry, Klingenberg et al. 2002).
 
-    Each specimen is reflected, its paired landmarks exchange their names, the image is fitted to
+    Each specimen is reflected, its paired landmarks are relabelled, the mirror image is fitted to
     the specimen by least squares, and the two are averaged.
 
     Parameters
@@ -154,7 +155,7 @@ def symmetric_component(array: npt.ArrayLike, pairing: Pairing) -> FloatArray:
     Returns
     -------
     ndarray of shape (n_specimens, n_landmarks, 3)
-        Landmarks in the place, units and size of each specimen, symmetric about one plane. NaN
+        Landmarks in the position, units and size of each specimen, symmetric about a plane. NaN
         where a landmark or its partner is missing.
 
     See Also
@@ -163,11 +164,11 @@ def symmetric_component(array: npt.ArrayLike, pairing: Pairing) -> FloatArray:
 
     Notes
     -----
-    With the centroid at the origin, let the rows of :math:`X` be the landmarks, and :math:`P` the
-    exchange of names. Of all planes, the image in the one with normal :math:`n` is closest to the
-    specimen if :math:`n` is the eigenvector of the smallest eigenvalue of :math:`X^T P X`. Because
-    :math:`P` is its own inverse, the average is exactly symmetric about that plane; the asymmetric
-    component is the remainder.
+    With the centroid at the origin, let the rows of :math:`X` be the landmarks, and let :math:`P`
+    be the relabelling. Among all planes, the mirror image is closest to the specimen for the plane
+    whose normal is the eigenvector of the smallest eigenvalue of :math:`X^T P X`. Because :math:`P`
+    is its own inverse, the average is exactly symmetric about this plane; the asymmetric component
+    is the remainder.
 
     References
     ----------
@@ -190,7 +191,7 @@ def symmetric_component(array: npt.ArrayLike, pairing: Pairing) -> FloatArray:
         raise TypeError(f"pairing must be a Pairing; got {type(pairing).__name__}.")
     if points.shape[1] != len(pairing.names):
         raise ValueError(
-            f"array has {points.shape[1]} landmarks, but the pairing names {len(pairing.names)}: "
+            f"array has {points.shape[1]} landmarks, but the pairing has {len(pairing.names)}: "
             f"{', '.join(pairing.names)}."
         )
     return np.array([_symmetrised(one, pairing.partner) for one in points])
@@ -240,7 +241,7 @@ def _symmetrised(points: FloatArray, partner: IntArray) -> FloatArray:
 
 
 def _rights_of(name: str) -> list[str]:
-    """Return what the name of the mirror image could be, if the name says left."""
+    """Return possible names of the mirror image of a landmark whose name contains "left"."""
     found = []
     for left, right in _SIDES:
         if name.lower().startswith(left):
@@ -251,7 +252,7 @@ def _rights_of(name: str) -> list[str]:
 
 
 def _like(text: str, pattern: str) -> Any:
-    """Return a text in capitals if the pattern is, or with a capital if that begins with one."""
+    """Return the text with the capitalisation of the pattern."""
     if pattern.isupper():
         return text.upper()
     return text.capitalize() if pattern[0].isupper() else text

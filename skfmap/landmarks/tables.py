@@ -1,4 +1,4 @@
-"""Landmarks of many specimens as one array and as files for a shape analysis."""
+"""Landmarks of many specimens as one array, and as tables for shape analysis."""
 
 import csv
 from collections.abc import Sequence
@@ -22,22 +22,22 @@ __all__ = [
     "write_table",
 ]
 
-# What R and pandas read as unknown.
+# The string that R and pandas read as a missing value.
 _UNKNOWN = "NA"
 
 
 def landmark_names(landmarks: Sequence[Landmarks]) -> tuple[str, ...]:
-    """Return the names of all landmarks: those of the first specimen, then those others add.
+    """Return the names of all landmarks, in order of first occurrence.
 
     Parameters
     ----------
     landmarks : sequence of Landmarks
-        One for each specimen.
+        Landmarks of each specimen.
 
     Returns
     -------
     tuple of str
-        In the order of the columns of `stack_landmarks`.
+        The names, in the order of the columns of `stack_landmarks`.
 
     Examples
     --------
@@ -59,15 +59,15 @@ def stack_landmarks(
     Parameters
     ----------
     landmarks : sequence of Landmarks
-        One for each row. Their own names are not compared: a specimen that was measured twice has
-        two rows.
+        Landmarks of each specimen. Names of specimens are not compared: a specimen that was
+        measured twice has two rows.
     names : sequence of str, optional
-        Which landmarks, in which order; by default all, see `landmark_names`.
+        Names of the landmarks to return, in this order; by default all, see `landmark_names`.
 
     Returns
     -------
     ndarray of shape (n_specimens, n_landmarks, 3)
-        Rows in the order given, in units of the meshes; NaN where a specimen lacks a landmark.
+        One row per specimen, in the units of the meshes; NaN where a specimen lacks a landmark.
 
     Raises
     ------
@@ -110,8 +110,9 @@ def centroid_sizes(array: npt.ArrayLike) -> FloatArray:
     Returns
     -------
     ndarray of shape (n_specimens,)
-        Root of the sum of squared distances of the landmarks from their centroid, in units of the
-        meshes; NaN if a landmark is missing, since sizes of fewer landmarks are not comparable.
+        Square root of the sum of squared distances of the landmarks from their centroid, in the
+        units of the meshes. NaN if a landmark is missing, because sizes of different numbers of
+        landmarks are not comparable.
 
     Examples
     --------
@@ -131,21 +132,22 @@ def write_table(
     layout: str = "wide",
     overwrite: bool = False,
 ) -> None:
-    """Write the landmarks of specimens to a table, unscaled, in units of the meshes.
+    """Write the landmarks of specimens to a table, unscaled, in the units of the meshes.
 
     Parameters
     ----------
     landmarks : sequence of Landmarks
-        One for each specimen.
+        Landmarks of each specimen.
     path : str or Path
-        File to write. ``.csv`` is read by pandas and by R; missing values are ``NA``. ``.npz`` has
-        the arrays ``points`` of shape (n_specimens, n_landmarks, 3), ``centroid_size``,
+        File to write. ``.csv`` can be read by pandas and by R; missing values are ``NA``. ``.npz``
+        contains the arrays ``points`` of shape (n_specimens, n_landmarks, 3), ``centroid_size``,
         ``specimens`` and ``landmarks``.
     layout : {"wide", "long"}, default="wide"
-        For ``.csv``. ``"wide"`` has a row for each specimen: ``specimen``, ``centroid_size``, and
-        ``NAME_x``, ``NAME_y``, ``NAME_z`` for each landmark. ``"long"`` has a row for each landmark
-        of each specimen: ``specimen``, ``landmark``, ``x``, ``y``, ``z``, ``expected_error`` and
-        ``radius``, the last two for predicted landmarks only.
+        Layout of ``.csv`` files. ``"wide"`` has a row for each specimen, with the columns
+        ``specimen``, ``centroid_size``, and ``NAME_x``, ``NAME_y``, ``NAME_z`` for each landmark.
+        ``"long"`` has a row for each landmark of each specimen, with the columns ``specimen``,
+        ``landmark``, ``x``, ``y``, ``z``, ``expected_error`` and ``radius``; the last two have
+        values for predicted landmarks only.
     overwrite : bool, default=False
         Whether an existing file is replaced.
 
@@ -163,7 +165,7 @@ def write_table(
         table <- read.csv("landmarks.csv")
         points <- arrayspecs(table[, -(1:2)], p = (ncol(table) - 2) / 3, k = 3)
 
-    geomstats takes ``numpy.load("landmarks.npz")["points"]`` as it is.
+    geomstats accepts ``numpy.load("landmarks.npz")["points"]`` directly.
 
     Examples
     --------
@@ -183,7 +185,7 @@ def write_table(
     if file.suffix.lower() not in (".csv", ".npz"):
         raise ValueError(f"{file} must end in .csv or .npz; got {file.suffix!r}.")
     if file.exists() and not overwrite:
-        raise FileExistsError(f"{file} exists; give overwrite=True to replace it.")
+        raise FileExistsError(f"{file} exists; set overwrite=True to replace it.")
     if file.suffix.lower() == ".npz":
         _write_arrays(kept, file)
         return
@@ -193,7 +195,7 @@ def write_table(
 
 
 def check_landmarks(landmarks: Any, what: str = "landmarks") -> list[Landmarks]:
-    """Return landmarks of specimens as a list; raise unless they are."""
+    """Return landmarks of specimens as a list; raise if an item is not a Landmarks object."""
     given = list(check_samples(landmarks, "Landmarks", what))
     for i, one in enumerate(given):
         if not isinstance(one, Landmarks):
@@ -202,24 +204,24 @@ def check_landmarks(landmarks: Any, what: str = "landmarks") -> list[Landmarks]:
 
 
 def as_stack(array: npt.ArrayLike) -> FloatArray:
-    """Return an array of landmarks as floats; raise unless it is one, missing ones NaN."""
+    """Return an array of landmarks as floats; raise if it is invalid. Missing ones are NaN."""
     points = as_reals(array, "array")
     if points.ndim != 3 or points.shape[2] != 3 or 0 in points.shape:
         raise ValueError(
-            "array must hold the landmarks of specimens, shape (n_specimens, n_landmarks, 3), as "
-            f"stack_landmarks returns; got {points.shape}."
+            "array must have shape (n_specimens, n_landmarks, 3), as returned by stack_landmarks; "
+            f"got {points.shape}."
         )
     unknown = np.isnan(points)
     if np.isinf(points).any() or (unknown.any(axis=2) != unknown.all(axis=2)).any():
         raise ValueError(
-            "array has landmarks that are infinite or known in part; a missing landmark is three "
-            "times NaN."
+            "array has landmarks that are infinite or partly NaN; for a missing landmark, all "
+            "three coordinates must be NaN."
         )
     return points
 
 
 def _called(landmarks: Sequence[Landmarks]) -> list[str]:
-    """Return the names of specimens; those without one get their number, from 1."""
+    """Return the names of specimens; those without a name get a number, from 1."""
     return [str(i) if one.name is None else one.name for i, one in enumerate(landmarks, start=1)]
 
 
@@ -260,5 +262,5 @@ def _long(landmarks: Sequence[Landmarks]) -> list[list[str]]:
 
 
 def _texts(values: Any) -> list[str]:
-    """Return numbers with all of their digits."""
+    """Return numbers as text with all digits."""
     return [_UNKNOWN if np.isnan(value) else repr(float(value)) for value in values]

@@ -1,4 +1,4 @@
-"""How much a thin plate is bent: the energy that sliding minimises."""
+"""Bending energy of thin-plate splines, which sliding minimises."""
 
 import numpy as np
 import numpy.typing as npt
@@ -8,9 +8,9 @@ from skfmap._tools.types import FloatArray
 
 __all__ = ["bending_energy", "bending_matrix"]
 
-# Singular values of the reference, as a share of the largest, below which it is flat.
+# The reference is flat if a singular value is below this fraction of the largest.
 _FLAT = 1e-9
-# Nearest distance between two points, as a share of the reference's size, at which they are one.
+# Two points coincide if their distance is at most this fraction of the size of the reference.
 _SAME = 1e-9
 
 
@@ -23,15 +23,15 @@ def bending_matrix(reference: FloatArray) -> FloatArray:
     Parameters
     ----------
     reference : ndarray of shape (n_landmarks, 3)
-        Distinct points. They may lie in one plane; an affine map that moves them out of it costs
-        nothing.
+        Distinct points. They may lie in one plane; an affine map that moves them out of it costs no
+        energy.
 
     Returns
     -------
     ndarray of shape (n_landmarks, n_landmarks)
-        Symmetric :math:`L`, positive semi-definite, in units of one over the reference's length:
-        the energy of a map to points :math:`Y`, as rows, is :math:`\mathrm{tr}(Y^T L Y)`. It
-        vanishes for affine maps of the reference, and only for these.
+        Symmetric positive semi-definite matrix :math:`L`, in units of one over length: the energy
+        of a map to points :math:`Y`, as rows, is :math:`\mathrm{tr}(Y^T L Y)`. It vanishes for
+        affine maps of the reference, and only for these.
 
     Raises
     ------
@@ -54,7 +54,7 @@ def bending_matrix(reference: FloatArray) -> FloatArray:
     if len(reference) > 1 and apart.min() <= _SAME * size:
         i, j = np.unravel_index(apart.argmin(), apart.shape)
         raise ValueError(
-            f"Points {min(i, j)} and {max(i, j)} of the reference are one; leave one of them out."
+            f"Points {min(i, j)} and {max(i, j)} of the reference coincide; leave one of them out."
         )
     np.fill_diagonal(apart, 0.0)
     U, s, _ = np.linalg.svd(np.column_stack([np.ones(len(centred)), centred / (size or 1.0)]))
@@ -68,15 +68,15 @@ def bending_energy(points: npt.ArrayLike, reference: npt.ArrayLike) -> float:
     Parameters
     ----------
     points : array-like of shape (n_landmarks, 3)
-        Where the points of the reference go.
+        Images of the points of the reference.
     reference : array-like of shape (n_landmarks, 3)
-        Different points.
+        Distinct points.
 
     Returns
     -------
     float
-        0 if and only if the map is affine; it grows with the square of the size of ``points``, and
-        falls with that of the reference.
+        The energy, which is 0 if and only if the map is affine. It is proportional to the square of
+        the size of ``points``, and inversely proportional to the size of the reference.
 
     Examples
     --------

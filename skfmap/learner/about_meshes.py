@@ -1,4 +1,4 @@
-"""Matches that know the meshes they are about."""
+"""Matches with the meshes that they refer to."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -11,10 +11,10 @@ __all__ = ["given_of", "with_meshes"]
 def with_meshes(
     matches: Sequence[Match], shapes: Sequence[ProbedShape], reference: ProbedShape
 ) -> list[Match]:
-    """Return the matches with the given meshes of their shapes, and that of the reference.
+    """Return the matches with the given meshes of their shapes and of the reference.
 
-    It is done where matches end up, so that no worker sends a mesh back. A mirror image knows the
-    mesh that was given.
+    This is done in the calling process, so that no worker sends a mesh back. For a mirror image it
+    is the mesh that was given.
     """
     given_0 = given_of(reference.spectral)
     return [
@@ -24,5 +24,5 @@ def with_meshes(
 
 
 def given_of(spectral: SpectralShape) -> GivenMesh:
-    """Return the mesh that a shape came as, which is its working mesh if it holds no other."""
+    """Return the given mesh of a shape, or its working mesh if there is no other."""
     return GivenMesh.of(spectral.mesh) if spectral.given is None else spectral.given

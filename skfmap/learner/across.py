@@ -1,4 +1,4 @@
-"""Known pairs of two shapes extended to all vertices, along the surfaces."""
+"""Extension of the known pairs of two shapes to all vertices, along the surfaces."""
 
 from typing import Any, NamedTuple
 
@@ -11,17 +11,17 @@ from skfmap.shapes import JoinedPairs, Mesh, SpectralShape
 
 __all__ = ["Across", "cross_over", "extend_pairs"]
 
-# Landmarks between which correspondences are interpolated, and how many of them locate a vertex:
-# twice the three that a point of a surface needs. Neither was varied.
+# Number of landmarks between which correspondences are interpolated, and number of nearest ones
+# that locate a vertex: twice the three that a point of a surface needs. Neither was varied.
 _N_LANDMARKS = 500
 _N_NEAREST = 6
 
 
 class Across(NamedTuple):
-    """From the bridge to the given reference: point map, uncertainty, mean error; the way back.
+    """Point-to-point map from the bridge to the reference, its uncertainty and error, and inverse.
 
-    The bridge is taken on its working mesh. Where a given vertex of the reference has no place, the
-    way back is -1.
+    The maps are between vertices of the bridge's working mesh and of the reference's given mesh.
+    ``inverse`` is -1 if a given vertex of the reference has no place.
     """
 
     p2p: IntArray
@@ -37,7 +37,7 @@ def cross_over(
     given_of_working: IntArray,
     memory: Any = None,
 ) -> Across:
-    """Extend the known pairs of the bridge and the reference, both ways.
+    """Extend the known pairs of the bridge and the reference, in both directions.
 
     Parameters
     ----------
@@ -46,14 +46,15 @@ def cross_over(
     join : JoinedPairs
         Known pairs of given vertices of the two.
     given_of_working : ndarray of int, shape (n_working_0,)
-        The given vertex nearest to each working one of the reference.
+        The given vertex nearest to each working vertex of the reference.
     memory : None, str or joblib.Memory
         Where the result is cached.
 
     Returns
     -------
     Across
-        Point maps between the working vertices of the bridge and the given ones of the reference.
+        Point-to-point maps between the working vertices of the bridge and the given vertices of the
+        reference.
     """
     at, at_0 = bridge.working_vertices(join.vertices_i), reference.working_vertices(join.vertices_0)
     there = JoinedPairs(at, at_0, join.points, join.weights)
@@ -69,9 +70,9 @@ def extend_pairs(
 ) -> tuple[IntArray, FloatArray, float]:
     """Extend known pairs to all vertices, along the surfaces.
 
-    A vertex without a partner goes where the distances to the partners of the landmarks nearest to
-    it are most like its own distances to them. Nothing passes through space, so that fingers stay
-    apart.
+    A vertex without a known partner is located by its distances to the nearest landmarks: it is
+    mapped to the vertex whose distances to their partners are most similar. All distances are along
+    the surfaces, so that fingers, for instance, stay apart.
 
     Parameters
     ----------
@@ -87,10 +88,10 @@ def extend_pairs(
     p2p : ndarray of int, shape (n_vertices_i,)
         Vertex of S_0 for each vertex of S_i.
     uncertainty : ndarray of shape (n_vertices_i,)
-        Root mean square disagreement of those distances, scaled to the error of landmarks that are
-        located by others; 0 at known pairs. In units of sqrt(area).
+        Root mean square difference of these distances, scaled to the error of landmarks that are
+        located by others, in units of sqrt(area); 0 at known pairs.
     error : float
-        Mean error of the extension, as landmarks that are located by others tell it.
+        Mean error of the extension, estimated from landmarks that are located by others.
     """
     pairs = (join.vertices_i, join.vertices_0)
     key = hash_of_arrays(mesh_i.vertices, mesh_i.faces, mesh_0.vertices, mesh_0.faces, *pairs)
@@ -118,12 +119,10 @@ def _extend(
 def _left_out(
     distances_i: FloatArray, distances_0: FloatArray, chosen: IntArray
 ) -> tuple[float, float]:
-    """Locate every other landmark by the rest, and compare errors with doubts.
+    """Locate each half of the landmarks by the other half, and compare errors with doubts.
 
-    Return the mean error, and by how much it exceeds the doubt.
-
-    Landmarks are then sqrt(2) times as far apart, and errors are taken to grow as that distance
-    does.
+    Return the mean error, and the factor by which it exceeds the doubt. With half of the landmarks,
+    these are sqrt(2) times as far apart, and errors are assumed to grow in proportion.
     """
     even, odd = np.arange(0, len(chosen), 2), np.arange(1, len(chosen), 2)
     errors, doubts = [], []
@@ -139,7 +138,7 @@ def _left_out(
 
 
 def _locate(distances_i: FloatArray, distances_0: FloatArray) -> tuple[IntArray, FloatArray]:
-    """Return the most similar column of the second for each of the first, and how unlike it is."""
+    """Return the most similar column of ``distances_0`` for each vertex, and the difference."""
     n_nearest = min(_N_NEAREST, len(distances_i))
     nearest = np.argpartition(distances_i, n_nearest - 1, axis=0)[:n_nearest].T
     p2p, doubt = np.empty(distances_i.shape[1], dtype=np.int64), np.zeros(distances_i.shape[1])

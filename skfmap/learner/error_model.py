@@ -1,4 +1,4 @@
-"""From the signs that a match gives of itself to the error to expect at each vertex."""
+"""Expected errors at vertices from observable signs of a match."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -14,13 +14,15 @@ from skfmap.learner.signs import TINY
 __all__ = ["TOLERANCE", "ErrorModel", "fit_error_model"]
 
 # Width, in sqrt(area), over which errors at neighbouring vertices of the reference are averaged.
-# On cats left out, 0.02 to 0.2 rank points alike (correlation with true errors 0.476 to 0.485).
+# On cats left out, 0.02 to 0.2 rank points equally well (correlation with true errors 0.476 to
+# 0.485).
 _WIDTH = 0.05
-# Weight of the mean of all where nothing was seen nearby: a thousandth of one observation.
+# Weight of the overall mean, which decides where there are no observations nearby: a thousandth of
+# one observation.
 _WEIGHT_OF_ALL = 1e-3
-# Ridge of the regression: enough to decide between signs that say the same.
+# Ridge penalty of the regression, enough to make it unique if signs are collinear.
 _RIDGE = 1e-2
-# Knots that the curves are kept at: steps of 2 % of the points.
+# Number of knots of the curves, so that each step has 2 % of the points.
 _N_KNOTS = 50
 
 TOLERANCE = 0.1
@@ -28,25 +30,25 @@ TOLERANCE = 0.1
 
 @dataclass(frozen=True, eq=False)
 class ErrorModel:
-    """Expected error and confidence from the signs that a match gives of itself.
+    """Model of the expected error and the confidence, given observable signs of a match.
 
     A Gamma regression with a logarithmic link on the standardised logarithms of the signs ranks the
-    vertices; isotonic regressions turn the rank into an error and into a share of hits.
+    vertices; isotonic regressions turn the rank into an error and a fraction of hits.
 
     Attributes
     ----------
     mean, scale, coefficients : ndarray of shape (n_signs,)
-        Of the regression.
+        Mean and scale of the signs, and coefficients of the regression.
     knots : ndarray of shape (n,)
-        Ascending values of the regression.
+        Values of the regression, ascending.
     expected_error : ndarray of shape (n,)
-        Mean geodesic error there, in units of sqrt(area); not decreasing.
+        Mean geodesic error at the knots, in units of sqrt(area); non-decreasing.
     confidence : ndarray of shape (n,)
-        Share of errors below `TOLERANCE` there; not increasing.
+        Fraction of errors of at most `TOLERANCE` at the knots; non-increasing.
     reference_errors : ndarray of shape (n_vertices_0,)
         Mean error of training shapes around each vertex of the reference.
     cross_validated : bool
-        Whether errors are those of shapes that were left out of the learning.
+        Whether the errors are those of held-out shapes.
     mean_error : float
         Mean error of the training shapes.
     worst_distance : float
@@ -68,7 +70,7 @@ class ErrorModel:
     chance: float
 
     def misfit(self, distance: float) -> float:
-        """Return an `embedding_distance` in units of the worst training shape's."""
+        """Return an `embedding_distance` in units of the largest on training shapes."""
         return distance / max(self.worst_distance, TINY)
 
     def predict(
@@ -76,11 +78,11 @@ class ErrorModel:
     ) -> tuple[FloatArray, FloatArray]:
         """Return the expected error and the confidence of each vertex.
 
-        Beyond the knots the last value holds.
+        Beyond the knots the last value is used.
 
-        Nothing was seen of shapes with a misfit beyond 1. Their errors are raised, and confidences
-        lowered, by its square, up to chance: creatures that were stretched, cut and swapped for
-        other animals are off by that.
+        No training shape had a misfit above 1. Beyond it, errors are multiplied, and confidences
+        divided, by the square of the misfit, with errors at most those of chance. This agrees with
+        the errors of creatures that were stretched, cut, or replaced by other animals.
         """
         columns = np.column_stack([signs, np.log(self.reference_errors[p2p] + TINY)])
         rank = ((columns - self.mean) / self.scale) @ self.coefficients
@@ -99,23 +101,23 @@ def fit_error_model(
     worst_distance: float,
     cross_validated: bool,
 ) -> ErrorModel:
-    """Fit the model to what training shapes showed, on at most 50 knots.
+    """Fit the model to observations on training shapes, with at most 50 knots.
 
     Parameters
     ----------
     observations : sequence of Observation
         One for each training shape, weighted by its share.
     watch : Watch
-        Where they were made.
+        The vertices of the reference at which errors were observed.
     worst_distance : float
         Largest `embedding_distance` of the shapes.
     cross_validated : bool
-        Whether the shapes were left out of the learning.
+        Whether the shapes were held out.
 
     Returns
     -------
     ErrorModel
-        What to expect on a new shape.
+        The fitted model.
     """
     sums, counts = (
         np.stack(part)
@@ -135,7 +137,7 @@ def fit_error_model(
     mean, scale = signs.mean(axis=0), signs.std(axis=0)
     scale = np.where(
         scale > 1e-9 * np.abs(mean), scale, 1.0
-    )  # what does not differ but for rounding says nothing
+    )  # a sign that is constant up to rounding carries no information
     regression = GammaRegressor(alpha=_RIDGE, max_iter=1000)
     coefficients = regression.fit(
         (signs - mean) / scale, errors + TINY, sample_weight=weights
@@ -163,7 +165,7 @@ def fit_error_model(
 
 
 def _by_vertex(observation: Observation, n_watched: int) -> tuple[FloatArray, FloatArray]:
-    """Return the weighted sum of errors at each watched vertex, and the sum of weights."""
+    """Return the weighted sum of errors and the sum of weights at each watched vertex."""
     _, errors, weights, _, watched = observation
     sums, counts = (
         np.bincount(watched, values, n_watched) for values in (weights * errors, weights)
@@ -174,7 +176,7 @@ def _by_vertex(observation: Observation, n_watched: int) -> tuple[FloatArray, Fl
 def _spread(near: FloatArray, sums: FloatArray, counts: FloatArray) -> FloatArray:
     """Return errors averaged around each vertex of the reference.
 
-    Far from all that was seen it is the mean of all.
+    Far from all observations this is the overall mean.
     """
     overall = sums.sum() / max(float(counts.sum()), 1e-300)
     return np.asarray((sums @ near + _WEIGHT_OF_ALL * overall) / (counts @ near + _WEIGHT_OF_ALL))

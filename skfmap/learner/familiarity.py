@@ -1,7 +1,4 @@
-"""Shapes that are not like those that were learned from.
-
-What was learned does not fit them, and its answers mean little.
-"""
+"""Detection of shapes that are unlike the training shapes, whose matches mean little."""
 
 import numpy as np
 
@@ -9,28 +6,28 @@ from skfmap._tools.types import FloatArray
 
 __all__ = ["is_familiar"]
 
-# What is left of equation (2), in units of the worst of n training shapes left out, beyond which a
-# shape is told. With four of them TOSCA cats, horses and women in other poses are below 1.5, other
-# species at 2.8 and more; creatures of four times the resolution that are matched wrongly are at
-# 2.2 and more of three. The fewer, the less is known of the worst.
+# Threshold for the residual of equation (2), in units of the largest on n held-out training shapes;
+# it is higher for few shapes, because their largest is uncertain. With four shapes, TOSCA's cats,
+# horses and women in other poses are below 1.5, and other species at 2.8 or more; with three,
+# creatures of four times the resolution that are matched wrongly are at 2.2 or more.
 _TOO_MUCH, _TOO_MUCH_OF_ONE = 1.5, 4.0
-# The same for the distance between matched points of the embedding (`Match.misfit`), times 1 + 1 /
-# n. Other poses on TOSCA are at 1.3 and less, creatures that are stretched twofold or lack a tenth,
-# with errors of 0.06 and more, at 1.5 and more.
+# Threshold for the distance between matched points of the embedding (`Match.misfit`), to be
+# multiplied by 1 + 1 / n. Other poses in TOSCA are at 1.3 or less; creatures that are stretched
+# twofold or lack a tenth, with errors of 0.06 or more, are at 1.5 or more.
 _TOO_FAR = 1.25
 
 
 def is_familiar(training_residuals: FloatArray, residual: float, misfit: float = np.nan) -> bool:
-    """Tell whether a shape fits about as well as training shapes did when they were left out.
+    """Return whether a shape fits about as well as the held-out training shapes.
 
     Parameters
     ----------
     training_residuals : ndarray of shape (n_shapes,)
-        What was left of equation (2) on each of them; NaN where it is not known.
+        Residual of equation (2) on each of them; NaN where it is unknown.
     residual : float
-        What is left of it on the shape.
+        Residual of equation (2) on the shape.
     misfit : float
-        `Match.misfit`; NaN where there is no match.
+        `Match.misfit`; NaN if there is no match.
     """
     known = training_residuals[np.isfinite(training_residuals)]
     n = len(known)

@@ -1,4 +1,4 @@
-"""From answers on working meshes to answers on the given ones."""
+"""Transfer of answers from working meshes to the given meshes."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -29,15 +29,15 @@ __all__ = [
     "point_map_on_given",
 ]
 
-# Edges of the reference's working mesh that the images of a face's corners may lie apart for the
-# points within to lie between them; beyond, the map tears there, and a point follows its nearest
-# corner. Faces of a smooth map stretch to two or three.
+# A point within a face is mapped between the images of its corners if these are at most this many
+# edges of the reference's working mesh apart. Otherwise the map is torn there, and the point
+# follows its nearest corner. Smooth maps stretch faces to two or three edges.
 _TORN = 6.0
 
 
 @dataclass(frozen=True, eq=False)
 class GivenReference:
-    """The given mesh of the reference, as answers need it.
+    """The given mesh of the reference, for answers on it.
 
     Attributes
     ----------
@@ -49,14 +49,14 @@ class GivenReference:
 
     @cached_property
     def arrays(self) -> tuple[FloatArray, IntArray]:
-        """Vertices and sound faces of the given mesh, which is opened if need be."""
+        """Vertices and sound faces of the given mesh, which is opened if necessary."""
         mesh = self.shape.mesh if self.shape.given is None else open_given(self.shape.given)
         vertices, faces = (mesh.vertices, mesh.faces) if isinstance(mesh, Mesh) else mesh
         return vertices, faces[sound_faces(vertices, faces)]
 
     @cached_property
     def surface(self) -> Surface:
-        """The given mesh as it lies on the working mesh: there places of both are looked up."""
+        """The given mesh, placed on the working mesh, to look up places of both."""
         mesh, prolongation = self.shape.mesh, self.shape.prolongation
         if prolongation is None:
             return Surface(mesh.vertices, mesh.faces)
@@ -65,11 +65,11 @@ class GivenReference:
 
     @property
     def is_working(self) -> bool:
-        """Whether it is the working mesh itself, vertex by vertex."""
+        """Whether the given mesh is the working mesh itself, vertex by vertex."""
         return self.shape.prolongation is None
 
     def places(self, points: FloatArray, normals: FloatArray) -> tuple[IntArray, FloatArray]:
-        """Return given vertices and their weights, both of shape (n, 3), nearest to some points."""
+        """Return the given vertices nearest to points, and their weights, both of shape (n, 3)."""
         face, coordinates, _ = self.surface.locate(points, normals)
         last_two = coordinates.astype(np.float64)
         weights = np.column_stack([np.maximum(1 - last_two.sum(axis=1), 0.0), last_two])
@@ -77,7 +77,7 @@ class GivenReference:
         return self.arrays[1][face], weights
 
     def of_working_vertices(self) -> IntArray:
-        """Return the given vertex nearest to each working one."""
+        """Return the given vertex nearest to each working vertex."""
         mesh = self.shape.mesh
         if self.shape.keeps_vertices:
             return self.shape.given_vertices()
@@ -92,7 +92,7 @@ class GivenReference:
 
 
 def given_surface(spectral: SpectralShape) -> tuple[FloatArray, IntArray]:
-    """Return vertices and sound faces of the mesh that a shape was given as."""
+    """Return the used vertices and sound faces of a shape's given mesh."""
     mesh = spectral.mesh if spectral.given is None else open_given(spectral.given)
     vertices, faces = (mesh.vertices, mesh.faces) if isinstance(mesh, Mesh) else mesh
     faces = faces[sound_faces(vertices, faces)]
@@ -101,9 +101,9 @@ def given_surface(spectral: SpectralShape) -> tuple[FloatArray, IntArray]:
 
 
 def given_reference(reference: ProbedShape, shapes: Sequence[ProbedShape] = ()) -> GivenReference:
-    """Return the given mesh of the reference, as answers on these shapes need it.
+    """Return the given mesh of the reference, for answers on these shapes.
 
-    What they share is made now, before threads ask for it.
+    Shared results are computed now, before threads need them.
     """
     target = GivenReference(reference.spectral)
     if not all(one.spectral.keeps_vertices for one in (reference, *shapes)):
@@ -114,7 +114,7 @@ def given_reference(reference: ProbedShape, shapes: Sequence[ProbedShape] = ()) 
 def on_working_mesh(
     shape: ProbedShape, truth: Correspondence
 ) -> tuple[ProbedShape, Correspondence]:
-    """Return the shape as if its working mesh had been given, and its correspondence there."""
+    """Return the shape with its working mesh as the given one, and its correspondence there."""
     spectral = shape.spectral
     if spectral.prolongation is None:
         return shape, truth
@@ -124,16 +124,16 @@ def on_working_mesh(
 
 
 def errors_on_working_mesh(errors: PairErrors, spectral: SpectralShape) -> PairErrors:
-    """Return errors between given meshes at the working vertices nearest to theirs."""
+    """Return errors between given meshes, moved to the nearest working vertices."""
     return replace(errors, vertices=spectral.working_vertices(errors.vertices))
 
 
 def drawn_on_working_meshes(
     match: Match, spectral: SpectralShape, reference: SpectralShape
 ) -> Match:
-    """Return a match of given meshes as one of the working meshes, to be drawn.
+    """Return a match between given meshes as one between working meshes, for plotting.
 
-    Each working vertex shows the answer of the given vertex nearest to it.
+    Each working vertex gets the answer of the given vertex nearest to it.
     """
     if spectral.prolongation is None and reference.prolongation is None:
         return match
@@ -166,25 +166,26 @@ def on_given_meshes(
     target: GivenReference,
     interpolate: str | None,
 ) -> Match:
-    """Return a match with its answers at the vertices that both meshes were given with.
+    """Return a match with answers at the vertices of the given meshes.
 
     Parameters
     ----------
     match : Match
-        On the working meshes.
+        The match between the working meshes.
     spectral : SpectralShape
-        S_i.
+        The shape S_i.
     images : sparse array of shape (n_working_i, n_working_0)
-        Where on the working mesh of S_0 each working vertex of S_i lies; rows sum to 1.
+        Place of each working vertex of S_i on the working mesh of S_0; rows sum to 1.
     target : GivenReference
         The given mesh of S_0.
     interpolate : {"barycentric", "soft"} or None
-        What ``match.matrix`` holds.
+        How ``match.matrix`` is interpolated.
 
     Returns
     -------
     Match
-        -1 and NaN where a given vertex has no place on the working mesh.
+        The match between the given meshes; -1 and NaN where a given vertex has no place on the
+        working mesh.
     """
     p2p, matrix = _point_map(spectral, match.p2p, images, target)
     if interpolate is None:
@@ -205,9 +206,10 @@ def on_given_meshes(
 def point_map_on_given(
     spectral: SpectralShape, p2p: IntArray, images: SparseMatrix, target: GivenReference
 ) -> IntArray:
-    """Return the given vertex of S_0 for each given one of S_i; -1 without a place.
+    """Return the given vertex of S_0 for each given vertex of S_i; -1 without a place.
 
-    ``p2p`` and ``images`` are the point map between the working meshes, to vertices and to places.
+    ``p2p`` and ``images`` are the point-to-point map between the working meshes, to vertices and to
+    places.
     """
     return _point_map(spectral, p2p, images, target)[0]
 
@@ -215,7 +217,7 @@ def point_map_on_given(
 def _point_map(
     spectral: SpectralShape, p2p: IntArray, images: SparseMatrix, target: GivenReference
 ) -> tuple[IntArray, SparseMatrix]:
-    """Return the point map between given meshes, to vertices and to places."""
+    """Return the point-to-point map between given meshes, to vertices and to places."""
     reference = target.shape
     if spectral.keeps_vertices and reference.keeps_vertices:
         at = target.of_working_vertices()
@@ -232,14 +234,14 @@ def _point_map(
 
 
 def _inverse(inverse: IntArray, spectral: SpectralShape, target: GivenReference) -> IntArray:
-    """Return the given vertex of S_i for each given one of S_0; -1 without a place."""
+    """Return the given vertex of S_i for each given vertex of S_0; -1 without a place."""
     reference, mesh = target.shape, spectral.mesh
     if spectral.keeps_vertices and reference.keeps_vertices:
         return _at_nearest(spectral.given_vertices()[inverse], reference, -1)
     columns = np.hstack([mesh.vertices, vertex_normals(mesh.vertices, mesh.faces)])
     wanted, placed_0 = _carried(reference, columns[inverse], mesh)
     own, placed = _carried(spectral, columns, None)
-    # Apart in space or in their normals: the two sides of a wall are not near each other.
+    # Distances include the normals, so that the two sides of a wall are not near each other.
     scale = np.array([1, 1, 1, *[mean_edge_length(mesh.vertices, mesh.faces)] * 3])
     _, found = KDTree(own * scale).query(wanted * scale, workers=-1)
     return _filled(placed[found], placed_0, reference.n_given)
@@ -248,10 +250,10 @@ def _inverse(inverse: IntArray, spectral: SpectralShape, target: GivenReference)
 def _carried(
     spectral: SpectralShape, columns: FloatArray, onto: Mesh | None
 ) -> tuple[FloatArray, IntArray]:
-    """Return points and normals of working vertices at the given ones that have a place.
+    """Return points and normals of working vertices, carried to the given vertices with a place.
 
-    Between the corners of a face; but where these lie far apart on the mesh that they are on, those
-    of the nearest corner.
+    They are interpolated between the corners of a face. If the corners are far apart on the mesh
+    ``onto``, those of the nearest corner are used.
     """
     if spectral.prolongation is None:
         return columns, np.arange(len(columns))
@@ -270,13 +272,13 @@ def _carried(
 def _of_working(
     matrix: SparseMatrix, spectral: SpectralShape, target: GivenReference
 ) -> SparseMatrix:
-    """Return a matrix between working meshes as one between the given ones."""
+    """Return a matrix between working meshes as a matrix between the given meshes."""
     step = _one_each(target.of_working_vertices(), target.shape.n_given)
     return (spectral.prolongation_matrix @ matrix @ step).tocsr()
 
 
 def _one_each(p2p: IntArray, n_0: int) -> SparseMatrix:
-    """Return a point map to vertices as a matrix; rows of -1 are empty."""
+    """Return a point-to-point map as a matrix; rows for -1 are empty."""
     known = np.flatnonzero(p2p >= 0)
     return sp.csr_array((np.ones(len(known)), (known, p2p[known])), shape=(len(p2p), n_0))
 
@@ -292,7 +294,7 @@ def _prolonged(values: FloatArray | None, spectral: SpectralShape) -> FloatArray
 
 
 def _at_nearest(values: Any, spectral: SpectralShape, empty: int = 0) -> Any:
-    """Return values at the working vertex nearest to each given one; None stays None."""
+    """Return the value at the working vertex nearest to each given vertex; None stays None."""
     if values is None:
         return None
     return np.append(values, empty)[spectral.working_vertices(np.arange(spectral.n_given))]

@@ -1,4 +1,4 @@
-"""The reference's mesh as it was given, laid onto shapes as they were given."""
+"""The given mesh of the reference, laid onto the given meshes of shapes."""
 
 import numpy as np
 from scipy.spatial import KDTree
@@ -16,9 +16,9 @@ from skfmap.refinement import match_points
 from skfmap.registration import Registration
 from skfmap.shapes import Mesh, ProbedShape, Registered, SkippedShape
 
-__all__ = ["registered", "unregistered"]
+__all__ = ["faces_of", "registered", "unregistered", "with_detail"]
 
-# Cosine of the angle within which normals agree: 60 degrees.
+# Normals agree if the cosine of the angle between them is above this: 60 degrees.
 _AGREES = 0.5
 
 
@@ -30,20 +30,20 @@ def registered(
     Parameters
     ----------
     matcher, registration : Matcher, Registration
-        What was learned.
+        The fitted matcher and registration.
     shape : ProbedShape
-        S_i.
+        The shape S_i.
     target : GivenReference
         The given mesh of S_0.
     """
     spectral, C = shape.spectral, matcher.solve(shape).C
     before = match_points(spectral, matcher.reference.spectral, C, matcher.functions)
     laid = registration.lay(matcher, spectral, before)
-    vertices = _with_detail(target, laid.vertices) * np.sqrt(spectral.area)
+    vertices = with_detail(target, laid.vertices) * np.sqrt(spectral.area)
     if shape.reflected:
         vertices = vertices * MIRROR
     surface = ClosestPoints(*given_surface(spectral))
-    faces = _faces(target)
+    faces = faces_of(target)
     if not (spectral.keeps_vertices and target.shape.keeps_vertices):
         reach = mean_edge_length(laid.vertices, target.shape.mesh.faces) * np.sqrt(spectral.area)
         vertices = _onto(surface, vertices, faces, reach)
@@ -64,7 +64,7 @@ def unregistered(shape: SkippedShape, target: GivenReference) -> Registered:
     n_0, nan = target.shape.n_given, float("nan")
     return Registered(
         vertices=np.full((n_0, 3), nan),
-        faces=_faces(target),
+        faces=faces_of(target),
         distance=np.full(n_0, nan),
         n_flipped=0,
         off=nan,
@@ -77,11 +77,11 @@ def unregistered(shape: SkippedShape, target: GivenReference) -> Registered:
     )
 
 
-def _with_detail(target: GivenReference, laid: FloatArray) -> FloatArray:
-    """Return where the given vertices go as the working ones do, at unit area.
+def with_detail(target: GivenReference, laid: FloatArray) -> FloatArray:
+    """Return the given vertices of the reference, moved with the working vertices, at unit area.
 
-    What they have beyond the working mesh turns with it; pieces that were left out follow the
-    nearest vertex.
+    Detail beyond the working mesh rotates with it; components that were left out follow the nearest
+    vertex.
     """
     spectral_0 = target.shape
     if spectral_0.prolongation is None:
@@ -103,9 +103,9 @@ def _with_detail(target: GivenReference, laid: FloatArray) -> FloatArray:
 def _onto(
     surface: ClosestPoints, vertices: FloatArray, faces: IntArray, reach: float
 ) -> FloatArray:
-    """Return the vertices on the surface, where it is near and its normals agree.
+    """Move vertices onto the surface where it is near and the normals agree.
 
-    Either mesh may have been given inside out; most vertices tell.
+    Either mesh may have been given inside out; the majority of the vertices decides.
     """
     near, normals = surface.of(vertices), vertex_normals(vertices, faces)
     cosines = np.einsum("na,na->n", normals, near.normals)
@@ -114,6 +114,7 @@ def _onto(
     return np.where(moved[:, None], near.points, vertices)
 
 
-def _faces(target: GivenReference) -> IntArray:
+def faces_of(target: GivenReference) -> IntArray:
+    """Return the faces of the reference as it was given."""
     mesh = target.shape.mesh if target.shape.given is None else open_given(target.shape.given)
     return mesh.faces if isinstance(mesh, Mesh) else mesh[1]

@@ -1,4 +1,4 @@
-"""Measured points of the training shapes, learned so that new shapes can be measured."""
+"""A model of the measured points of training shapes, to predict landmarks on new shapes."""
 
 from dataclasses import dataclass, replace
 from typing import NamedTuple, Self
@@ -27,25 +27,26 @@ from skfmap.shapes import Correspondence, ProbedShape, SpectralShape
 
 __all__ = ["LandmarkModel", "LeftOut", "learn_landmarks", "reference_on"]
 
-# Training shapes are left out one at a time, or in so many groups where there are more.
+# Training shapes are left out one at a time, or in this many groups if there are more.
 _FOLDS = 10
-# Width, in sqrt(area), of the surroundings of a landmark that tell how it has turned.
+# Width, in sqrt(area), of the surroundings of a landmark from which its rotation is estimated.
 _AROUND = 0.1
 
 
 class LeftOut(NamedTuple):
-    """What answers missed on training shapes that were left out in groups.
+    """Residuals of predictions on training shapes that were left out in groups.
 
     Attributes
     ----------
     indices, groups : ndarray of int, shape (n_shapes,)
         Index in X of each shape, and the group that it was left out with.
     missed : ndarray of shape (n_shapes, n_landmarks, 3)
-        From answers, moved by what the other groups lack, to the observer's points; as each shape
-        was given, in units of sqrt(area). NaN where there is no such point, or no other shape and
-        not the reference tells where it should be.
+        Vectors from predictions, corrected by the mean offset of the other groups, to the
+        observer's points; in the orientation in which each shape was given, in units of sqrt(area).
+        NaN if there is no such point, or neither the reference nor another shape has the landmark.
     right : ndarray of bool, shape (n_shapes, n_landmarks)
-        False for points that were found to be wrong when known maps were built; they count nowhere.
+        False for points that were found to be wrong when known maps were built; these are never
+        used.
     """
 
     indices: IntArray
@@ -55,37 +56,38 @@ class LeftOut(NamedTuple):
 
     @classmethod
     def nothing(cls, n_landmarks: int) -> Self:
-        """Return that of no shape."""
-        # Each an array of its own: one array in two places is not read from a file again.
+        """Return residuals of no shape."""
+        # Separate arrays, because load_model rejects files that use one array twice.
         indices, groups = (np.empty(0, dtype=np.int64) for _ in range(2))
         right = np.empty((0, n_landmarks), dtype=bool)
         return cls(indices, groups, np.empty((0, n_landmarks, 3)), right)
 
     @property
     def distances(self) -> FloatArray:
-        """Lengths of what was missed, shape (n_shapes, n_landmarks)."""
+        """Lengths of the residuals, shape (n_shapes, n_landmarks)."""
         return np.asarray(np.linalg.norm(self.missed, axis=2))
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class LandmarkModel:
-    """Where the landmarks are on the reference, and what answers lack on shapes left out.
+    """Places of the landmarks on the reference, and residuals on training shapes left out.
 
     Lengths are in units of sqrt(area).
 
     Attributes
     ----------
     names : tuple of str
-        Of the landmarks.
+        Names of the landmarks.
     places : sparse array of shape (n_landmarks, n_vertices_0)
-        Where they are on the reference's working mesh: where they were measured there, or where
-        most training shapes have those that the reference lacks. Rows sum to 1.
+        Places of the landmarks on the reference's working mesh, where they were measured. A
+        landmark that the reference lacks is at the median of its places on the training shapes.
+        Rows sum to 1.
     offsets : ndarray of shape (n_landmarks, 3)
-        What the surface's answers lack in the mean on training shapes left out, as the reference
-        stands, shrunk where these are few. It holds also how far from the surface an observer puts
-        points.
+        Mean vectors from predictions on the surface to the observer's points on training shapes
+        left out, in the orientation of the reference, shrunk towards zero if there are few shapes.
+        They include how far off the surface the observer puts points.
     left_out : LeftOut
-        What answers missed on training shapes left out; without rows if none were.
+        Residuals on training shapes left out; without rows if there are none.
     """
 
     names: tuple[str, ...]
@@ -94,7 +96,7 @@ class LandmarkModel:
     left_out: LeftOut
 
     def __repr__(self) -> str:
-        """Return a line with counts."""
+        """Return counts in one line."""
         return (
             f"LandmarkModel(n_landmarks={len(self.names)}, n_left_out={len(self.left_out.groups)})"
         )
@@ -102,16 +104,16 @@ class LandmarkModel:
     def points_on(
         self, reference: SpectralShape, images: FloatArray, surface: ClosestPoints
     ) -> FloatArray:
-        """Return the landmarks on a shape, shape (n_landmarks, 3).
+        """Return the predicted landmarks on a shape, shape (n_landmarks, 3).
 
         Parameters
         ----------
         reference : SpectralShape
-            S_0.
+            The reference S_0.
         images : ndarray of shape (n_vertices_0, 3)
-            Where its working vertices are on the shape; from `reference_on`.
+            Positions of its working vertices on the shape, from `reference_on`.
         surface : ClosestPoints
-            The shape, of unit area.
+            The surface of the shape, at unit area.
         """
         turns = _turns(self.places, reference, images)
         on_surface = surface.of(np.asarray(self.places @ images)).points
@@ -120,22 +122,23 @@ class LandmarkModel:
     def expected_errors(self, but: int | None = None) -> FloatArray | None:
         """Return the mean distances on shapes left out, shape (n_landmarks,).
 
-        Those of single landmarks are drawn towards the mean of all. None if no shape was left out.
-        ``but`` is a group that is not asked.
+        Distances of single landmarks are shrunk towards the overall mean. None if no shape was left
+        out. The group ``but`` is excluded.
         """
         distances = self._distances(but)
         return shrunk_scales(distances) if np.isfinite(distances).any() else None
 
     def radii(self, coverage: float, but: int | None = None) -> FloatArray | None:
-        """Return radii that hold a share of the observer's points, shape (n_landmarks,).
+        """Return radii that contain a share of the observer's points, shape (n_landmarks,).
 
-        None if too few shapes were left out to promise that. ``but`` is a group that is not asked.
+        None if too few shapes were left out to guarantee the coverage. The group ``but`` is
+        excluded.
         """
         distances = self._distances(but)
         n_told = np.isfinite(distances).any(axis=1).sum()
         if n_told < max(2, least_calibrating(coverage)):
             return None
-        # As that of a new shape, the distances of each are measured by what others say.
+        # The distances of each shape are scaled by the others, as those of a new shape are.
         scales = scales_of_others(distances)
         return pooled_quantile(distances, scales, coverage) * shrunk_scales(distances)
 
@@ -146,9 +149,10 @@ class LandmarkModel:
 
 
 def reference_on(matcher: Matcher, shape: ProbedShape) -> FloatArray:
-    """Return where the reference's working vertices are on a shape of unit area.
+    """Return positions of the reference's working vertices on a shape of unit area.
 
-    Its shape is (n_vertices_0, 3): registered vertices, or the vertices that they are matched with.
+    They have shape (n_vertices_0, 3), and are the registered vertices, or else the vertices that
+    they are matched with.
     """
     spectral, C = shape.spectral, matcher.solve(shape).C
     if isinstance(matcher.refinement, Registration):
@@ -160,17 +164,17 @@ def reference_on(matcher: Matcher, shape: ProbedShape) -> FloatArray:
 def learn_landmarks(
     training: TrainingSet, matcher: Matcher, *, left_out: bool = True
 ) -> LandmarkModel | None:
-    """Learn where measured points are, from shapes that are left out in turn.
+    """Fit the landmark model, with residuals from shapes that are left out in turn.
 
     Parameters
     ----------
     training : TrainingSet
-        Shapes whose correspondences have ``coordinates``, including the reference's.
+        Shapes whose correspondences have ``coordinates``, including the reference.
     matcher : Matcher
-        What was learned from all of them.
+        Matcher learned from all of them.
     left_out : bool
-        Whether shapes are left out: without, as with a single shape, there are neither offsets nor
-        errors to expect.
+        Whether shapes are left out. Otherwise, as with a single shape, there are no offsets and no
+        expected errors.
 
     Returns
     -------
@@ -179,9 +183,9 @@ def learn_landmarks(
 
     Notes
     -----
-    Landmarks that were left out as wrong when known maps were built do not count, nor do shapes
-    that are mirror images of the others and were not reflected. Where the
-    reference lacks a landmark, its place is told by others than the shapes that are left out.
+    Landmarks that were left out as wrong when known maps were built are not used, nor are shapes
+    that are mirror images of the others and were not reflected. If the reference lacks a landmark,
+    only shapes that are not left out determine its place.
     """
     truth_0, spectral_0 = training.truth_0, training.reference.spectral
     if truth_0.coordinates is None:
@@ -204,18 +208,18 @@ def learn_landmarks(
     images = _images(training, folds, matcher)
     back = _carried_back(measured_0, [measured[i] for i in rows], images, spectral_0)
     trusted = np.where(right[:, :, None], back, np.nan)
-    points_0 = _voted(_voted(measured_0, trusted), back)  # of wrong ones where there are no others
+    points_0 = _voted(_voted(measured_0, trusted), back)  # from wrong points if there are no others
     missed, turns = np.full((len(rows), n, 3), np.nan), np.empty((len(rows), n, 3, 3))
     for f in range(n_folds):
         by_others = _voted(measured_0, trusted[groups != f])
-        told = np.asarray(np.isfinite(by_others).all(axis=1))  # others put it on the reference
+        told = np.asarray(np.isfinite(by_others).all(axis=1))  # place known without this group
         places = _places(np.where(told[:, None], by_others, points_0), spectral_0)
         for row in np.flatnonzero(groups == f):
             i, image = rows[row], images[row]
             off = _missed(places, training.shapes[i].spectral, image, measured[i])
             missed[row] = np.where(told[:, None], off, np.nan)
             turns[row] = _turns(places, spectral_0, image)
-    missed_0 = np.einsum("snd,snbd->snb", missed, turns)  # as the reference stands
+    missed_0 = np.einsum("snd,snbd->snb", missed, turns)  # in the orientation of the reference
     missed_0[~right] = np.nan
     others = np.stack([shrunk_mean(missed_0[groups != f]) for f in range(n_folds)])[groups]
     left = missed - np.einsum("snb,snbd->snd", others, turns)
@@ -225,13 +229,13 @@ def learn_landmarks(
 
 
 def _counts(training: TrainingSet, i: int) -> bool:
-    """Tell whether a training shape was measured, and is not the mirror image of the others."""
+    """Return whether a training shape was measured, and is not a mirror image of the others."""
     known = training.shapes[i], training.reference, training.joins[i], training.known[i]
     return training.truths[i].coordinates is not None and not is_against(*known)
 
 
 def _called(truths: list[Correspondence]) -> dict[int, str]:
-    """Return the names of template points that one shape has at least, in their order."""
+    """Return the names of template points that at least one shape has, in their order."""
     called: dict[int, str] = {}
     for truth in truths:
         if truth.landmarks is not None:
@@ -245,7 +249,7 @@ def _on_reference(
     measured_0: FloatArray,
     measured: dict[int, FloatArray],
 ) -> FloatArray:
-    """Return the landmarks on the reference, where nothing is left out, by what was learned."""
+    """Return the landmarks on the reference, using the matcher learned from all shapes."""
     lacks = ~np.isfinite(measured_0).all(axis=1)
     asked = [i for i, at in measured.items() if np.isfinite(at[lacks]).any()]
     images = [reference_on(matcher, training.shapes[i]) for i in asked]
@@ -254,7 +258,7 @@ def _on_reference(
 
 
 def _images(training: TrainingSet, folds: list[IntArray], matcher: Matcher) -> list[FloatArray]:
-    """Return the reference on each shape of each fold, by what was learned without the fold."""
+    """Return the reference on each shape, using the matcher learned without its fold."""
     arguments = (
         (one, training.shapes[i])
         for one, rows in zip(_matchers(training, folds, matcher), folds, strict=True)
@@ -267,9 +271,9 @@ def _images(training: TrainingSet, folds: list[IntArray], matcher: Matcher) -> l
 
 
 def _matchers(training: TrainingSet, folds: list[IntArray], matcher: Matcher) -> list[Matcher]:
-    """Return what is learned without each fold.
+    """Return the matchers learned without each fold.
 
-    Where shapes are stiff, the start is found in space, and only the deformation is learned anew.
+    For rigid shapes, whose registration starts in space, only the deformation is learned again.
     """
     registration = matcher.refinement
     if not (isinstance(registration, Registration) and registration.pose_ == "similarity"):
@@ -288,7 +292,7 @@ def _matchers(training: TrainingSet, folds: list[IntArray], matcher: Matcher) ->
 def _measured(truth: Correspondence, shape: ProbedShape, numbers: IntArray) -> FloatArray:
     """Return the measured points of a shape at unit area, (n_landmarks, 3); NaN for missing ones.
 
-    Of a shape that was reflected those of its image.
+    For a reflected shape they are those of its mirror image.
     """
     points = np.full((len(numbers), 3), np.nan)
     at = np.asarray(truth.coordinates) / np.sqrt(shape.spectral.area)
@@ -300,7 +304,7 @@ def _measured(truth: Correspondence, shape: ProbedShape, numbers: IntArray) -> F
 def _right(training: TrainingSet, i: int, numbers: IntArray) -> BoolArray:
     """Return which landmarks of a training shape were not found to be wrong.
 
-    What is wrong on most shapes is so on the reference, and right on these.
+    A landmark that is wrong on most shapes is wrong on the reference, and correct on the shapes.
     """
     wrong = training.joins[i].points[training.wrong[i]]
     return np.isin(numbers, np.setdiff1d(wrong, training.wrong_on_reference()), invert=True)
@@ -312,9 +316,10 @@ def _carried_back(
     images: list[FloatArray],
     spectral_0: SpectralShape,
 ) -> FloatArray:
-    """Return where shapes have, on the reference, the landmarks that it lacks; NaN elsewhere.
+    """Return places on the reference of the landmarks that it lacks, one per shape; else NaN.
 
-    Its shape is (n_shapes, n_landmarks, 3): each is carried back by the reference's image.
+    The result has shape (n_shapes, n_landmarks, 3). Landmarks are carried back from the image of
+    the reference on each shape.
     """
     lacks = ~np.isfinite(measured_0).all(axis=1)
     back = np.full((len(measured), len(measured_0), 3), np.nan)
@@ -328,7 +333,7 @@ def _carried_back(
 
 
 def _voted(points_0: FloatArray, back: FloatArray) -> FloatArray:
-    """Return landmarks on the reference; those that it lacks in the median, or NaN if none has."""
+    """Return landmarks on the reference; missing ones are medians, or NaN if no shape has them."""
     points = points_0.copy()
     seen = np.isnan(points_0).any(axis=1) & np.isfinite(back).all(axis=2).any(axis=0)
     points[seen] = np.nanmedian(back[:, seen], axis=0)
@@ -350,15 +355,15 @@ def _missed(
     images: FloatArray,
     measured: FloatArray,
 ) -> FloatArray:
-    """Return the vectors from answers to measured points, (n_landmarks, 3)."""
+    """Return the vectors from predictions to measured points, shape (n_landmarks, 3)."""
     surface = ClosestPoints(spectral.vertices, spectral.mesh.faces)
     return np.asarray(measured - surface.of(np.asarray(places @ images)).points)
 
 
 def _turns(places: SparseMatrix, reference: SpectralShape, images: FloatArray) -> FloatArray:
-    """Return how the surroundings of each landmark turn, rotations of shape (n_landmarks, 3, 3).
+    """Return the rotation of the surroundings of each landmark, shape (n_landmarks, 3, 3).
 
-    Rows that stand as the reference does are multiplied by them from the right.
+    Row vectors in the orientation of the reference are multiplied by them from the right.
     """
     vertices = reference.vertices
     centres = np.asarray(places @ vertices)

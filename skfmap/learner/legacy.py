@@ -1,6 +1,6 @@
-"""Models that were saved before the learner was an assembly of parts.
+"""Loading of models that were saved before the learner was composed of parts.
 
-Where their classes are now, and what their state has become.
+The module provides their classes under the old names, and converts their state.
 """
 
 import sys
@@ -19,7 +19,7 @@ __all__ = ["Across", "ErrorModel", "Settings", "upgraded"]
 
 
 class Settings(NamedTuple):
-    """What the settings of a matcher held."""
+    """Old settings of a matcher."""
 
     alpha: float
     normalize: str
@@ -29,16 +29,16 @@ class Settings(NamedTuple):
     refine: str | None
 
 
-# What models did not learn before it was there.
+# Attributes that older models do not have.
 _NOT_KNOWN = {"landmarks_": None, "known_maps_": None}
 
-# Files name these classes by the modules that they lay in.
+# Files refer to these classes by their old modules.
 for _module in ("_bridge", "_confidence", "_matching"):
     sys.modules.setdefault(f"skfmap.{_module}", sys.modules[__name__])
 
 
 def upgraded(state: dict[str, Any]) -> dict[str, Any]:
-    """Return the state of a learner as it is now; a state of now is returned as it is.
+    """Return the state of a learner in the current form; a current state is returned unchanged.
 
     Raises
     ------
@@ -49,8 +49,8 @@ def upgraded(state: dict[str, Any]) -> dict[str, Any]:
         return {**_NOT_KNOWN, **state} if "matcher_" in state else state
     if state["bridge"] is not None:
         raise OutdatedModelError(
-            "This model matches through a bridge, and was saved before that was a BridgedLearner: "
-            "fit it again, with skfmap.BridgedLearner around the learner."
+            "This model matches through a bridge, and was saved before BridgedLearner existed. Fit "
+            "it again, with skfmap.BridgedLearner around the learner."
         )
     parameters = {
         name: value for name, value in state.items() if not name.endswith("_") and name[0] != "_"

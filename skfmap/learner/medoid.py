@@ -13,7 +13,8 @@ from skfmap.shapes import Correspondence, ProbedShape
 
 __all__ = ["medoid_index"]
 
-# Template points that distances are compared between: well spread, some sqrt(area) / 7 apart.
+# Number of template points between which distances are compared; they are well spread, about
+# sqrt(area) / 7 apart.
 _N_POINTS = 50
 
 
@@ -22,14 +23,16 @@ def medoid_index(
 ) -> int:
     """Return the index of the shape that differs least from all others (section 3.1).
 
-    Shapes differ by the mean relative difference of geodesic distances between common points.
+    The difference of two shapes is the mean relative difference of geodesic distances between
+    common points.
     """
     common = truths[0].pairs[:, 1]
     for truth in truths[1:]:
         common = np.intersect1d(common, truth.pairs[:, 1])
     if len(common) < 2:
         raise CorrespondenceError(
-            "reference='medoid' needs template points that all shapes have; name a shape."
+            "reference='medoid' needs template points that all shapes have; set reference to the "
+            "name of a shape instead."
         )
     vertices = [
         shape.spectral.working_vertices(_vertices_at(truth, common))
@@ -43,11 +46,11 @@ def medoid_index(
     tables = np.stack(map_shapes(_landmark_distances, arguments, n_jobs=n_jobs, verbose=0))
     scale = np.maximum(tables.mean(axis=0), 1e-12)
     cost = np.array([(np.abs(tables - table) / scale).mean() for table in tables])
-    return first_of_least(cost)  # the costs of two shapes are always equal
+    return first_of_least(cost)  # if there are two shapes, their costs are always equal
 
 
 def _vertices_at(truth: Correspondence, points: IntArray) -> IntArray:
-    """Return one vertex for each of ``points``, which the correspondence is known to have."""
+    """Return one vertex for each of ``points``, all of which are in the correspondence."""
     order = np.argsort(truth.pairs[:, 1], kind="stable")
     return truth.pairs[order[np.searchsorted(truth.pairs[order, 1], points)], 0]
 

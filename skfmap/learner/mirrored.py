@@ -1,4 +1,4 @@
-"""Specimens that are mirror images of the others: how to find them, and how to reflect them."""
+"""Detection and reflection of specimens that are mirror images of the others."""
 
 from dataclasses import replace
 
@@ -18,14 +18,14 @@ from skfmap.shapes import (
 
 __all__ = ["is_against", "is_mirror_image", "mirror_image", "odd_probes", "spatial_probes"]
 
-# Families whose names begin so change sign under a reflection, whatever the plane.
+# Prefix of the names of families that change sign under any reflection.
 _ODD = "oriented"
-# Families whose names begin so hold coordinates; of these, the functions whose names end so change
-# sign under `mirror_image`.
+# Prefix of the names of families of coordinates, and suffixes of those of their functions that
+# change sign under `mirror_image`.
 _COORDINATES, _NEGATED = "coordinates", ("[x]", "[normal_x]")
 
-# Correlation of oriented probes with their images under the known map; that of sound TOSCA shapes
-# is 0.3 to 0.9.
+# Threshold of the correlation between oriented probes and their images under the known map. It is
+# 0.3 to 0.9 for correct shapes of TOSCA.
 _AGAINST = 0.1
 
 
@@ -40,11 +40,11 @@ def spatial_probes(shape: ProbedShape) -> BoolArray:
 
 
 def mirror_image(shape: ProbedShape) -> ProbedShape:
-    """Return the mirror image of a shape, with the vertex numbers of the shape.
+    """Return the mirror image of a shape, with the same vertex indices.
 
-    The first coordinate is negated, and faces are wound the other way, so that they point outwards
-    again. Eigenfunctions stay, and so do probe functions but for those that tell sides. The image
-    of the image is the shape.
+    The first coordinate is negated, and the winding of faces is reversed, so that they point
+    outwards again. Eigenfunctions do not change, nor do probe functions, except for those that
+    distinguish left from right. The mirror image of the mirror image is the shape.
 
     Parameters
     ----------
@@ -54,7 +54,7 @@ def mirror_image(shape: ProbedShape) -> ProbedShape:
     Returns
     -------
     ProbedShape
-        Its image, whose answers are on the mesh that the shape was given as.
+        Its mirror image; answers for it are on the given mesh of the shape.
     """
     return replace(
         shape,
@@ -67,10 +67,11 @@ def mirror_image(shape: ProbedShape) -> ProbedShape:
 def is_mirror_image(
     shape: ProbedShape, reference: ProbedShape, join: JoinedPairs, known: KnownMap
 ) -> bool:
-    """Tell whether a training shape is the mirror image of what it should be.
+    """Return whether a training shape is the mirror image of what it should be.
 
-    There are two witnesses: oriented probes, which the known map takes to their opposites, and
-    space, where a similarity explains the pairs. Both have to be silent or say so, and one has to.
+    There are two criteria: whether the known map takes oriented probes to their opposites, and
+    whether the similarity that explains the pairs in space is a reflection. At least one must say
+    so, and the other must not contradict it.
     """
     agreement = _agreement(shape, reference, known.C)
     side = _side_in_space(shape, reference, join, known)
@@ -82,12 +83,12 @@ def is_mirror_image(
 def is_against(
     shape: ProbedShape, reference: ProbedShape, join: JoinedPairs, known: KnownMap
 ) -> bool:
-    """Tell whether one of the two witnesses takes a training shape for a mirror image.
+    """Return whether a training shape is a mirror image by at least one of the two criteria.
 
-    They contradict each other where a mesh is inside out.
+    They contradict each other if a mesh is inside out.
     """
     if not _changes_sign(reference).any():
-        return False  # nothing that is learned from tells sides
+        return False  # no probe distinguishes left from right
     side = _side_in_space(shape, reference, join, known)
     return _agreement(shape, reference, known.C) < -_AGAINST or side == -1
 
@@ -96,7 +97,7 @@ def _image(spectral: SpectralShape) -> SpectralShape:
     mesh, places, given = spectral.mesh, spectral.prolongation, spectral.given
     if given is None:
         given = GivenMesh.of(mesh)
-    if places is not None:  # weights of the second and third corner, which change places
+    if places is not None:  # the second and third corner, and so their weights, are swapped
         places = Prolongation(places.face, places.coordinates[:, ::-1])
     return replace(
         spectral,
@@ -113,9 +114,9 @@ def _changes_sign(shape: ProbedShape) -> BoolArray:
 
 
 def _agreement(shape: ProbedShape, reference: ProbedShape, C: FloatArray) -> float:
-    """Return the correlation of a shape's oriented probes with those that the map carries.
+    """Return the correlation of a shape's oriented probes with the mapped ones of the reference.
 
-    0 where there are none.
+    It is 0 if there are no oriented probes.
     """
     odd = odd_probes(reference)
     if not odd.any():
@@ -131,7 +132,7 @@ def _agreement(shape: ProbedShape, reference: ProbedShape, C: FloatArray) -> flo
 def _side_in_space(
     shape: ProbedShape, reference: ProbedShape, join: JoinedPairs, known: KnownMap
 ) -> int | None:
-    """Return the sign of the determinant of the similarity that explains the pairs, or None."""
+    """Return the determinant's sign of the similarity that explains the pairs, or None."""
     if len(np.unique(join.points)) < TELLING:
         return None
     spectral, spectral_0 = shape.spectral, reference.spectral

@@ -105,7 +105,8 @@ def register(model: Model, X: Sequence[Any]) -> list[Registered]:
     Parameters
     ----------
     model : WeightedFunctionalMapLearner, Pipeline or fitted search
-        The model, fitted with ``refine="register"`` or a `Registration`.
+        The model, fitted with ``refine="register"`` or a `Registration`. Or a
+        `skfmap.PartialMatcher`, for parts.
     X : sequence
         The input of the model: meshes if it is a pipeline that starts with `SpectralBasis`.
 

@@ -1,4 +1,4 @@
-"""The match of one new shape, from what was learned."""
+"""Matching of one new shape."""
 
 from dataclasses import replace
 from typing import NamedTuple
@@ -35,16 +35,16 @@ __all__ = [
 
 INTERPOLATIONS = (None, "barycentric", "soft")
 
-# Vertices of the reference that a soft match is shared among: a vertex and its ring.
+# Number of vertices of the reference in a row of a soft match, about a vertex and its ring.
 _N_SHARED = 8
-# Vertices of S_i at a time: memory of the candidate triangles.
+# Number of vertices of S_i processed at a time, which bounds the memory for candidate triangles.
 _CHUNK = 2000
 
 
 class MatchedShape(NamedTuple):
     """A match, and the solution of equation (2) that it came from.
 
-    ``misfit`` says how the reference lies on a shape that it was laid onto and does not fit.
+    ``misfit`` is the quality of a registration that does not fit the shape, otherwise None.
     """
 
     match: Match
@@ -69,12 +69,10 @@ def match_shape(
     refined: bool,
     target: GivenReference,
 ) -> MatchedShape:
-    """Match one shape, and say how far to trust each vertex.
+    """Match one shape, and assess how far to trust each vertex.
 
-    Answers are at the vertices that the shape came with.
-
-    ``refined`` tells whether the matcher's refinement is the one that ``confidence`` was fitted
-    with.
+    Answers are at the vertices of the given mesh. ``refined`` says whether the matcher's refinement
+    is the one that ``confidence`` was fitted with.
     """
     found, after = match_working_mesh(matcher, confidence, shape, interpolate, refined)
     if target.is_working and shape.spectral.prolongation is None:
@@ -91,9 +89,9 @@ def match_working_mesh(
     interpolate: str | None,
     refined: bool,
 ) -> tuple[MatchedShape, PointMatch]:
-    """Match one shape as `match_shape` does, between working meshes; and return how it was found.
+    """Match one shape as `match_shape` does, but between working meshes.
 
-    That is the point match after refinement, with the points in the embedding.
+    Also return the point match after refinement, with the points in the embedding.
     """
     solution = matcher.solve(shape, mirrored=True)
     before, after = matcher.match_points(shape, solution.C)
@@ -134,7 +132,7 @@ def no_match(shape: SkippedShape, matcher: Matcher, *, assessed: bool) -> Match:
 
 
 def blank_match(matcher: Matcher, n_i: int, n_0: int, *, assessed: bool) -> Match:
-    """Return a match of so many vertices to so many others that says nothing: -1 and NaN."""
+    """Return a match between ``n_i`` and ``n_0`` vertices without answers: -1 and NaN."""
     k, p = len(matcher.stable_basis), matcher.settings.n_stable
     unknown = np.full(n_i, np.nan) if assessed else None
     return Match(
@@ -155,9 +153,9 @@ def images_between(
     match: PointMatch,
     interpolate: str | None = None,
 ) -> SparseMatrix:
-    """Return where on the working mesh of S_0 each working vertex of S_i lies.
+    """Return the place of each working vertex of S_i on the working mesh of S_0.
 
-    Between its vertices where that is asked, or the given meshes are finer.
+    Places are between vertices if ``interpolate`` says so, or if the given meshes are finer.
     """
     coarse = spectral.keeps_vertices and spectral_0.keeps_vertices
     return place_matrix(match, spectral_0, interpolate if coarse else "barycentric")
@@ -166,9 +164,9 @@ def images_between(
 def place_matrix(
     match: PointMatch, spectral_0: SpectralShape, interpolate: str | None
 ) -> SparseMatrix:
-    """Return the match as a sparse array whose rows sum to 1.
+    """Return the match as a sparse array of shape (n_vertices_i, n_vertices_0).
 
-    Its shape is (n_vertices_i, n_vertices_0).
+    Its rows sum to 1.
     """
     n_i, n_0 = len(match.points_i), len(match.points_0)
     if interpolate == "barycentric":
@@ -184,7 +182,7 @@ def place_matrix(
 
 
 def _soft(match: PointMatch) -> tuple[IntArray, FloatArray]:
-    """Share each vertex among its nearest, by a Gaussian as wide as the distance to the nearest."""
+    """Return nearest vertices, with Gaussian weights as wide as the distance to the first."""
     n_shared = min(_N_SHARED, len(match.points_0))
     distances, columns = (
         NearestNeighbors(n_neighbors=n_shared, algorithm="brute")
@@ -208,7 +206,7 @@ def _barycentric(match: PointMatch, faces: IntArray) -> tuple[IntArray, FloatArr
         owner = np.repeat(np.arange(len(rows)), counts)
         within = np.arange(len(owner)) - np.repeat(np.cumsum(counts) - counts, counts)
         around = order[np.repeat(begin, counts) + within] // 3
-        # Triangles around a vertex share their corners.
+        # Triangles around a vertex share corners, so each distance is computed once.
         keys = owner[:, None] * n_0 + faces[around]
         pairs, back = np.unique(keys.ravel(), return_inverse=True)
         differences = match.points_i[rows[pairs // n_0]] - match.points_0[pairs % n_0]

@@ -1,4 +1,4 @@
-"""What training shapes show of their matches, at well-spread vertices of the reference."""
+"""Observed errors and signs of matches at well-spread vertices of the reference."""
 
 from collections.abc import Sequence
 from typing import Any, NamedTuple
@@ -15,22 +15,24 @@ from skfmap.shapes import JoinedPairs, Mesh, ProbedShape
 
 __all__ = ["Observation", "Watch", "observe", "watch_reference"]
 
-# Vertices of the reference that errors are observed at: some sqrt(area) / 22 apart, closer than the
-# width that errors are averaged over; their distances take 10 MB at 5,000 vertices.
+# Number of vertices of the reference at which errors are observed. They are about sqrt(area) / 22
+# apart, less than the width over which errors are averaged; their distances take 10 MB for 5,000
+# vertices.
 _N_WATCHED = 500
 
 
 class Watch(NamedTuple):
-    """Well-spread vertices of the reference, and the distances from each to all, at unit area."""
+    """Well-spread vertices of the reference, and their distances to all vertices, at unit area."""
 
     vertices: IntArray
     distances: FloatArray
 
 
 class Observation(NamedTuple):
-    """What a training shape showed at the watched vertices.
+    """Observations on a training shape, at the pairs that lead to watched vertices.
 
-    Signs, errors and weights of pairs, where they are matched to, and the row in the watch.
+    They are the signs, errors and weights of pairs, the vertex that each is matched to, and its row
+    in the watch.
     """
 
     signs: FloatArray
@@ -41,7 +43,7 @@ class Observation(NamedTuple):
 
     @property
     def mean_error(self) -> float:
-        """Mean error; NaN where no pair with an area leads to a watched vertex."""
+        """Mean error; NaN if no pair with a positive area leads to a watched vertex."""
         return (
             float(np.average(self.errors, weights=self.weights))
             if self.weights.any()
@@ -50,7 +52,7 @@ class Observation(NamedTuple):
 
 
 def watch_reference(reference: ProbedShape, joins: Sequence[JoinedPairs], memory: Any) -> Watch:
-    """Choose the vertices of the reference, among known ones, at which errors are observed."""
+    """Choose vertices of the reference with known partners, at which errors are observed."""
     mesh = reference.spectral.mesh
     spectral = reference.spectral
     known = np.unique(
@@ -95,7 +97,7 @@ def observe(
     signs = vertex_signs(matcher, shape, match, refined=refined)[at]
     errors = watch.distances[watched, matched]
     if join.places_i is not None or join.places_0 is not None:
-        # Between places instead of vertices, as far as a straight line tells the difference.
+        # Measured between places instead of vertices: a straight line corrects the difference.
         x0 = spectral_0.vertices
         to_corners = shape.spectral.place_matrix(join.vertices_i, join.places_i)
         found = np.asarray(to_corners @ x0[match.p2p])

@@ -1,4 +1,4 @@
-"""Landmarks of new shapes."""
+"""Prediction of landmarks on new shapes."""
 
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -29,14 +29,14 @@ class Measured(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class LandmarkPredictor:
-    """Puts landmarks on new shapes, as they were given.
+    """Predictor of landmarks on the given meshes of new shapes.
 
     Attributes
     ----------
     model, matcher, confidence : LandmarkModel, Matcher, Confidence or None
-        What was learned.
+        The fitted objects.
     coverage : float
-        Share of the observer's points that the radii are to hold.
+        Share of the observer's points that balls with the radii should contain.
     on_surface : bool
         Whether points that the observer puts off the surface are put onto it.
     """
@@ -48,9 +48,9 @@ class LandmarkPredictor:
     on_surface: bool
 
     def of(self, shape: ProbedShape) -> Measured:
-        """Return the landmarks of a shape, and whether it is like training shapes.
+        """Return the landmarks of a shape, and whether it is like the training shapes.
 
-        Where it is not, there is no error to expect.
+        If it is not, expected errors are NaN.
         """
         images, solution, fits = self._images(shape)
         scale = np.sqrt(shape.spectral.area)
@@ -81,7 +81,7 @@ class LandmarkPredictor:
         )
 
     def _images(self, shape: ProbedShape) -> tuple[FloatArray, Solution, bool]:
-        """Return where the reference's vertices are, as in learning, and whether that fits."""
+        """Return positions of the reference's vertices, the solution, and whether they fit."""
         matcher, spectral = self.matcher, shape.spectral
         solution, registration = matcher.solve(shape, mirrored=True), matcher.refinement
         if isinstance(registration, Registration):

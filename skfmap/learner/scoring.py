@@ -1,4 +1,4 @@
-"""Errors of point maps at known pairs, as scores use them."""
+"""Errors of point-to-point maps at known pairs, for scores."""
 
 from collections.abc import Sequence
 
@@ -13,8 +13,8 @@ from skfmap.shapes.usable import Answer, Usable, put_back
 
 __all__ = ["score_point_maps"]
 
-# References up to this many vertices have all their distances computed for a score: 256 MB as
-# float32.
+# For references with at most this many vertices, the distances of all known vertices are computed
+# at once: up to 256 MB as float32.
 _N_ALL_ROWS = 8000
 
 
@@ -30,7 +30,7 @@ def score_point_maps(
     memory: MemoryLike = None,
     n_jobs: int | None = None,
 ) -> list[PairErrors]:
-    """Return the errors of point maps between given meshes at known pairs, in the order of X."""
+    """Return the errors of point-to-point maps between given meshes at known pairs, by shape."""
     spectral_0 = reference.spectral
     distances = reference_distances(spectral_0.mesh, method, memory=memory, n_jobs=n_jobs)
     if spectral_0.prolongation is not None:
@@ -38,7 +38,7 @@ def score_point_maps(
     if reference_y is not None:
         (truth_0,) = check_correspondences([reference_y], [reference])
     if method == "heat" and spectral_0.mesh.n_vertices <= _N_ALL_ROWS:
-        # The same rows for every shape and fold, so that a cache serves them all.
+        # The same rows for all shapes and folds, so that they are found in the cache.
         distances.rows(_vertices_of(truth_0))
     errors = [
         # Vertices without a match have no pairs.

@@ -1,4 +1,4 @@
-"""Names of landmarks that seem to be one name, spelt in two ways."""
+"""Detection of landmark names that seem to be two spellings of one name."""
 
 from collections.abc import Sequence
 
@@ -8,22 +8,23 @@ __all__ = ["spelling_message"]
 
 
 def spelling_message(truths: Sequence[Correspondence], called: Sequence[str]) -> str:
-    """Return what is to be said of names that may be spelt otherwise on some shapes.
+    """Return a message about names that may be spelt differently on some shapes.
 
-    Those are names that differ in case, blanks and signs only and stand together on no shape, and
-    names of one shape of three or more that lacks what all others have.
+    These are names that differ only in case, spaces and punctuation and never occur on the same
+    shape. If there are at least three shapes, they are also names of one shape only, if this shape
+    lacks names that all others have.
 
     Parameters
     ----------
     truths : sequence of Correspondence
         Where shapes lie on the template.
     called : sequence of str
-        What messages call the shapes.
+        Names of the shapes in messages.
 
     Returns
     -------
     str
-        Empty if nothing is to be said.
+        The message; empty if there are no such names.
 
     Examples
     --------
@@ -59,7 +60,7 @@ def _alike(has: Sequence[Sequence[str]], called: Sequence[str]) -> list[str]:
 
 
 def _folded(name: str) -> str:
-    """Return the letters and digits of a name; all of it, where there are none."""
+    """Return the letters and digits of a name, or the name itself if it has none."""
     return "".join(c for c in name.casefold() if c.isalnum()) or name
 
 

@@ -65,12 +65,26 @@ class Part:
         What was worked on.
     laid : LaidOnPart
         The reference.
+    unit : float
+        What the lengths were divided by.
+    side : {"right", "inside out", "mirrored", "negated"}
+        As `Sides.of` says; faces that are inside out have been turned.
+    scale : float or None
+        Estimated factor from the units of the part to those of the training shapes.
     """
 
     vertices: FloatArray
     faces: IntArray
     scan: Scan
     laid: LaidOnPart
+    unit: float
+    side: str = "right"
+    scale: float | None = None
+
+    @property
+    def is_itself(self) -> bool:
+        """Whether it was matched as what it is, and not as its mirror image."""
+        return self.side in ("right", "inside out")
 
     @cached_property
     def sound(self) -> IntArray:
@@ -139,9 +153,10 @@ def matched_part(known: Knowledge, part: Part, name: str | None) -> Match:
         inverse=inverse,
         reference_hash=spectral_0.given_hash,
         misfit=laid.strain / known.trust.usual_strain,
-        familiar=known.trust.is_familiar(laid),
+        familiar=known.trust.is_familiar(laid) and part.is_itself,
         covered=covered,
         covered_probability=probability,
+        scale=part.scale,
     )
 
 

@@ -12,6 +12,7 @@ from skfmap.geometry.faults import sound_faces
 from skfmap.geometry.normals import vertex_normals
 from skfmap.learner.new_shape import blank_match
 from skfmap.partial.answers import Knowledge, Part
+from skfmap.partial.scan import area_and_rim
 from skfmap.shapes import Match
 
 __all__ = ["OnReference", "between_parts", "no_pair", "part_on_reference", "whole_on_reference"]
@@ -53,8 +54,9 @@ def part_on_reference(known: Knowledge, part: Part, match: Match) -> OnReference
 
 
 def whole_on_reference(vertices: FloatArray, faces: IntArray, match: Match) -> OnReference:
-    """Return what pairs of a whole shape need; its coordinates in sqrt(area) of the reference."""
+    """Return what pairs of a whole shape need; its coordinates are scaled to unit area."""
     sound = faces[sound_faces(vertices, faces)]
+    vertices = vertices / np.sqrt(area_and_rim(vertices, sound)[0])
     points = _with_normals(vertices, vertex_normals(np.nan_to_num(vertices), sound))
     missing = np.zeros((1, points.shape[1]))
     return OnReference(match, points, np.append(points, missing, axis=0)[match.inverse])
@@ -99,6 +101,7 @@ def between_parts(one: OnReference, other: OnReference) -> Match:
         functional_map=np.full_like(first.functional_map, np.nan),
         reduced_map=np.full_like(first.reduced_map, np.nan),
         refined_map=None,
+        scale=None,
         n_supporting=np.zeros(len(p2p), dtype=np.int64),
         matrix=sp.csr_array((np.ones(len(rows)), (rows, p2p[rows])), shape=shape),
         inverse=inverse,

@@ -11,6 +11,7 @@ from skfmap.learner.training_set import TrainingSet
 from skfmap.partial.body import Body, Lesson, shared_regions
 from skfmap.partial.cuts import Cut
 from skfmap.partial.scan import area_and_rim, scan_of
+from skfmap.partial.sides import Sides, mirror_image, score_of
 from skfmap.partial.trust import PartTrust, Seen
 from skfmap.registration.part import Registration, lay_on_training
 from skfmap.shapes import Mesh
@@ -34,6 +35,8 @@ class Learned(NamedTuple):
         Root of the area of the reference, in the units of the meshes.
     areas, rims : ndarray of shape (n_shapes,)
         Of the training shapes: area and length of the rim, in units of the reference.
+    sides : Sides
+        Left and right, inside and outside.
     """
 
     body: Body
@@ -41,6 +44,7 @@ class Learned(NamedTuple):
     unit: float
     areas: FloatArray
     rims: FloatArray
+    sides: Sides
 
 
 def learned_from(
@@ -100,7 +104,9 @@ def learned_from(
     seen = map_shapes(_seen, left_out, n_jobs=n_jobs, verbose=0)
     sizes = np.array([area_and_rim(one.vertices / unit, one.faces) for one in whole])
     trust = PartTrust.learned(seen, regions)
-    return Learned(bodies[0], trust, unit, sizes[:, 0], sizes[:, 1])
+    scores = map_shapes(_scores, left_out, n_jobs=n_jobs, verbose=0)
+    sides = Sides.learned(*zip(*scores, strict=True))
+    return Learned(bodies[0], trust, unit, sizes[:, 0], sizes[:, 1], sides)
 
 
 def _folds(n_shapes: int) -> list[IntArray]:
@@ -152,3 +158,8 @@ def _body_of(regions: Any, laid: list[FloatArray], lessons: list[list[Lesson]]) 
 
 def _seen(body: Body, lesson: Lesson) -> Seen:
     return Seen(lesson, body.lay(lesson.scan))
+
+
+def _scores(body: Body, lesson: Lesson) -> tuple[float, float]:
+    """Return the score of a part, and that of its mirror image."""
+    return score_of(body, lesson.scan), score_of(body, mirror_image(lesson.scan))

@@ -2,7 +2,7 @@
 
 import warnings
 from collections.abc import Iterable, Sequence
-from typing import Any, Self
+from typing import Any, Literal, Self
 
 import numpy as np
 from sklearn.base import BaseEstimator, clone
@@ -15,10 +15,9 @@ from skfmap._tools.parallel import map_shapes, tell
 from skfmap._tools.types import DistanceMethod, FloatArray, Interpolation, RefineOverride
 from skfmap._tools.unwrap import learner_and_shapes
 from skfmap._tools.validation import check_choice, check_number, check_sample_weight
-from skfmap._tools.warn import warn
 from skfmap._version import Versioned
 from skfmap.basis import SpectralBasis
-from skfmap.exceptions import MeshError, SkippedShapeWarning, UnfamiliarShapeWarning
+from skfmap.exceptions import MeshError
 from skfmap.io import MeshLike, check_meshes, n_vertices_of, named
 from skfmap.learner import BridgedLearner, WeightedFunctionalMapLearner, models
 from skfmap.learner.between import check_wanted
@@ -42,8 +41,22 @@ from skfmap.partial.between import (
     whole_on_reference,
 )
 from skfmap.partial.cuts import Cut, make_cuts
+from skfmap.partial.glue import (
+    better_of,
+    lay_without_glue,
+    tears_of_wholes,
+    warn_of_tears,
+    with_tears,
+)
 from skfmap.partial.kinds import TrainingSizes
+from skfmap.partial.laid_out import (
+    landmarks_on_part,
+    no_landmarks,
+    not_registered,
+    registered_on_part,
+)
 from skfmap.partial.learning import learned_from
+from skfmap.partial.scale import scale_of
 from skfmap.partial.scan import scan_of
 from skfmap.partial.scoring import (
     PartScorer,
@@ -51,10 +64,11 @@ from skfmap.partial.scoring import (
     as_correspondence,
     parts_to_score,
 )
+from skfmap.partial.warned import warn_of_few, warn_of_sides, warn_of_size, warn_of_strange
 from skfmap.refinement import Refinement
-from skfmap.shapes import Correspondence, Match
+from skfmap.shapes import Correspondence, Landmarks, Match, Registered
 from skfmap.shapes.skipped_shape import SetAside
-from skfmap.shapes.usable import Answer, describe
+from skfmap.shapes.usable import Answer
 
 __all__ = ["PartialMatcher"]
 
@@ -80,6 +94,9 @@ class PartialMatcher(Versioned, BaseEstimator):
     n_calibrated : int, default=2
         How many of them are matched by what was learned without the shape, which says how large
         errors are to be expected, and what is covered.
+    scale : {"known", "estimated"}, default="known"
+        Whether scans are in the units of the training shapes. ``"estimated"``: they may be in any
+        units, and the scale of a part is estimated with its map, as ``Match.scale``.
     random_state : int, default=0
         What cuts are drawn by.
     n_jobs : int, optional
@@ -99,6 +116,8 @@ class PartialMatcher(Versioned, BaseEstimator):
         Root of the area of the reference, in the units of the meshes.
     areas_, rims_ : ndarray of shape (n_shapes,)
         Of the training shapes: area and length of the rim, in units of the reference.
+    sides_ : Sides
+        What is known of left and right, and of inside and outside.
 
     See Also
     --------
@@ -106,8 +125,9 @@ class PartialMatcher(Versioned, BaseEstimator):
 
     Notes
     -----
-    Units of scans are those of the training shapes. Coordinates may be turned and shifted in any
-    way, faces have to be wound outwards.
+    Coordinates may be turned and shifted in any way. Faces that are wound inwards are told, and
+    turned. A mirror image is told of kinds alone that are unlike their own, as jaws of one side
+    are: that of a scan of a cat is a scan of a cat.
 
     Examples
     --------
@@ -126,6 +146,7 @@ class PartialMatcher(Versioned, BaseEstimator):
         *,
         n_cuts: int = 12,
         n_calibrated: int = 2,
+        scale: Literal["known", "estimated"] = "known",
         random_state: int = 0,
         n_jobs: int | None = None,
         verbose: int = 0,
@@ -134,6 +155,7 @@ class PartialMatcher(Versioned, BaseEstimator):
         self.cuts = cuts
         self.n_cuts = n_cuts
         self.n_calibrated = n_calibrated
+        self.scale = scale
         self.random_state = random_state
         self.n_jobs = n_jobs
         self.verbose = verbose
@@ -153,7 +175,8 @@ class PartialMatcher(Versioned, BaseEstimator):
         y : sequence of Correspondence or of int arrays of shape (n_pairs, 2)
             Where each lies on the template, as for the learner.
         sample_weight : array-like of shape (n_shapes,), optional
-            As in `WeightedFunctionalMapLearner.fit`; shapes of weight 0 are not cut.
+            As in `WeightedFunctionalMapLearner.fit`; shapes of weight 0 are not
+            cut, but the reference always is.
 
         Returns
         -------
@@ -166,6 +189,11 @@ class PartialMatcher(Versioned, BaseEstimator):
             If ``estimator`` is no pipeline from meshes to a learner.
         ValueError
             If a parameter cannot be used, or there are fewer than three shapes.
+
+        Warns
+        -----
+        StabilityWarning
+            If there are but three.
         """
         cuts = self._check_parameters()
         pipeline = clone(self.estimator)
@@ -179,8 +207,10 @@ class PartialMatcher(Versioned, BaseEstimator):
         if len(training.used) < 2:
             raise ValueError(
                 "PartialMatcher leaves training shapes out in turn, and needs the reference and "
-                f"two more at least; got {len(training.used)} more."
+                f"two more at least; got {len(training.used)} more. Give more shapes; for whole "
+                "shapes alone, fit the pipeline by itself."
             )
+        warn_of_few(len(training.used))
         learned = learned_from(
             training,
             learner,
@@ -193,6 +223,7 @@ class PartialMatcher(Versioned, BaseEstimator):
         )
         self.estimator_, self.body_, self.trust_ = pipeline, learned.body, learned.trust
         self.unit_, self.areas_, self.rims_ = learned.unit, learned.areas, learned.rims
+        self.sides_ = learned.sides
         return self
 
     def match(
@@ -217,7 +248,8 @@ class PartialMatcher(Versioned, BaseEstimator):
         list of Match
             With ``covered`` and ``covered_probability``. Vertices of a scan that belong to nothing
             have -1, and so has ``inverse`` where nothing of the reference is covered. A part has no
-            functional map; its entries are NaN.
+            functional map; its entries are NaN. ``torn`` marks where neighbours land far apart; a
+            whole shape on which they do is matched as a part, if it tears less then.
 
         Warns
         -----
@@ -225,7 +257,8 @@ class PartialMatcher(Versioned, BaseEstimator):
             If a part is too small to say where it belongs, below 15 % of the area of the training
             shapes, or units differ from theirs.
         UnfamiliarShapeWarning
-            If a scan does not lie on the reference as parts of training shapes do.
+            If a scan does not lie on the reference as parts of training shapes do, or its map
+            tears (``Match.torn``).
         """
         check_is_fitted(self)
         items = check_meshes(X)
@@ -240,13 +273,15 @@ class PartialMatcher(Versioned, BaseEstimator):
                 refine=refine,
                 interpolate=interpolate,
             )
-            found.update((i, all_covered(answers[i])) for i in _rows(kinds, "whole"))
+            rows = _rows(kinds, "whole")
+            found.update(self._mended(items, {i: all_covered(answers[i]) for i in rows}))
         parts = self._laid(items, _rows(kinds, "part"))
         found.update(self._matched(items, parts))
         for i in range(len(items)):
             if i not in found:
                 found[i] = self._nothing(items[i], i)
-        self._warn(found, kinds)
+        self._warn(items, kinds, parts)
+        warn_of_tears(found)
         return [found[i] for i in range(len(items))]
 
     def match_between(
@@ -305,6 +340,99 @@ class PartialMatcher(Versioned, BaseEstimator):
             else:
                 done[i, j] = no_pair(learner, matches[i], matches[j])
         return [done[pair] for pair in wanted]
+
+    def register(self, X: Sequence[MeshLike]) -> list[Registered]:
+        """Lay the reference's mesh onto each scan.
+
+        Parameters
+        ----------
+        X : sequence of meshes
+            In the units of the training shapes.
+
+        Returns
+        -------
+        list of Registered
+            All of the given mesh of the reference, in the place and the units of each scan; where
+            the scan shows nothing of it, it lies as training shapes deform. Of a part, ``off`` is
+            a share of what is covered, ``stretched`` is not known and NaN, and ``fits`` tells
+            whether the part is familiar; `match` tells what is covered.
+
+        Raises
+        ------
+        ValueError
+            If a scan is whole, and the learner of the pipeline was not fitted with
+            ``refine="register"``.
+
+        Warns
+        -----
+        SkippedShapeWarning, UnfamiliarShapeWarning
+            As in `match`.
+        """
+        check_is_fitted(self)
+        items = check_meshes(X)
+        kinds = self._kinds(items)
+        found: dict[int, Registered] = {}
+        if "whole" in kinds:
+            answers = models.register(self.estimator_, _only(items, kinds, "whole"))
+            found.update((i, answers[i]) for i in _rows(kinds, "whole"))
+        parts, known = self._laid(items, _rows(kinds, "part")), self._knowledge()
+        for i, part in parts.items():
+            found[i] = registered_on_part(known, part, named(items[i], i))
+        self._warn(items, kinds, parts)
+        return [
+            found[i] if i in found else not_registered(known, named(item, i))
+            for i, item in enumerate(items)
+        ]
+
+    def predict_landmarks(
+        self, X: Sequence[MeshLike], *, coverage: float = 0.9, on_surface: bool = False
+    ) -> list[Landmarks]:
+        """Place the landmarks of the training shapes on scans, where these show them.
+
+        Parameters
+        ----------
+        X : sequence of meshes
+            In the units of the training shapes.
+        coverage, on_surface : float, bool
+            As in `WeightedFunctionalMapLearner.predict_landmarks`; ``coverage`` for whole shapes.
+
+        Returns
+        -------
+        list of Landmarks
+            In the units and the place of each mesh. Landmarks that a part does not show are NaN. Of
+            the others, ``expected_error`` is that of its match, or that of landmarks on whole
+            shapes if it is larger; there are no radii.
+
+        Raises
+        ------
+        ValueError
+            If the learner was fitted without measured points, or ``coverage`` is not between 0 and
+            1.
+
+        Warns
+        -----
+        SkippedShapeWarning, UnfamiliarShapeWarning
+            As in `match`.
+        """
+        check_is_fitted(self)
+        items = check_meshes(X)
+        kinds = self._kinds(items)
+        # Also without whole ones: it checks what is asked.
+        found = models.predict_landmarks(
+            self.estimator_,
+            _only(items, kinds, "whole"),
+            coverage=coverage,
+            on_surface=on_surface,
+        )
+        parts, known = self._laid(items, _rows(kinds, "part")), self._knowledge()
+        for i, kind in enumerate(kinds):
+            name = named(items[i], i)
+            if i in parts:
+                found[i] = landmarks_on_part(known, parts[i], name, on_surface=on_surface)
+            elif kind != "whole":
+                found[i] = no_landmarks(known, name)
+        self._warn(items, kinds, parts)
+        return found
 
     def functional_maps(self, X: Sequence[MeshLike]) -> FloatArray:
         """Return the full maps X_i(D) of whole shapes, by the pipeline.
@@ -375,7 +503,7 @@ class PartialMatcher(Versioned, BaseEstimator):
             found.update((i, errors[i]) for i in _rows(kinds, "whole"))
         parts = self._laid(items, _rows(kinds, "part"))
         matches = self._matched(items, parts)
-        self._warn(matches, kinds)
+        self._warn(items, kinds, parts)
         scorer = PartScorer(_learner_of(self.estimator_), method, reference_y)
         for i, item in enumerate(items):
             if i not in found:
@@ -486,6 +614,7 @@ class PartialMatcher(Versioned, BaseEstimator):
             )
         check_number(self.n_cuts, "n_cuts", low=1, integer=True)
         check_number(self.n_calibrated, "n_calibrated", low=1, high=self.n_cuts, integer=True)
+        check_choice(self.scale, "scale", ("known", "estimated"))
         check_number(self.random_state, "random_state", low=0, integer=True)
         return make_cuts(self.cuts)
 
@@ -495,7 +624,7 @@ class PartialMatcher(Versioned, BaseEstimator):
         kinds = []
         for i, item in enumerate(items):
             try:
-                kinds.append(sizes.kind(*arrays_of(item, i), any_units=False))
+                kinds.append(sizes.kind(*arrays_of(item, i), any_units=self.scale == "estimated"))
             except (MeshError, OSError):
                 kinds.append("whole")  # what is to be done about it is the pipeline's to say
         return kinds
@@ -522,12 +651,21 @@ class PartialMatcher(Versioned, BaseEstimator):
 
     def _matched(self, items: Sequence[MeshLike], parts: dict[int, Part]) -> dict[int, Match]:
         """Return the matches of parts that the reference was laid onto, by their indices."""
+        known, found = self._knowledge(), {}
+        for i, part in parts.items():
+            match = matched_part(known, part, named(items[i], i))
+            match = with_tears(known, part.vertices, part.faces, 1.0, match)
+            found[i] = with_meshes(match, items[i], i, known.learner.reference_.spectral)
+        return found
+
+    def _mended(self, items: Sequence[MeshLike], found: dict[int, Match]) -> dict[int, Match]:
+        """Return matches of whole shapes; of those that tear, as of parts if these tear less."""
         known = self._knowledge()
-        reference = known.learner.reference_.spectral
-        return {
-            i: with_meshes(matched_part(known, part, named(items[i], i)), items[i], i, reference)
-            for i, part in parts.items()
-        }
+        told, torn = tears_of_wholes(known, items, self.unit_, found)
+        if torn:
+            parts = self._laid(items, torn)
+            told.update(better_of(known, told, self._matched(items, parts), parts))
+        return told
 
     def _on_reference(
         self, items: Sequence[MeshLike], kinds: Sequence[str], wanted: set[int], told: set[int]
@@ -549,8 +687,9 @@ class PartialMatcher(Versioned, BaseEstimator):
             matches[i] = match
             if (match.p2p >= 0).any():
                 vertices, faces = arrays_of(items[i], i)
-                on_reference[i] = whole_on_reference(vertices / self.unit_, faces, match)
-        self._warn(matches, kinds)
+                on_reference[i] = whole_on_reference(vertices, faces, match)
+        self._warn(items, kinds, parts)
+        warn_of_tears(matches)
         return matches, on_reference
 
     def _whole_on_places(
@@ -577,30 +716,23 @@ class PartialMatcher(Versioned, BaseEstimator):
         nothing = nothing_said(learner, item, i)
         return with_meshes(nothing, item, i, learner.reference_.spectral)
 
-    def _warn(self, found: dict[int, Match], kinds: Sequence[str]) -> None:
-        told = "; ".join(
-            f"{describe(i, found[i])}: {kind}"
-            for i, kind in enumerate(kinds)
-            if kind not in ("whole", "part") and i in found
+    def _warn(
+        self, items: Sequence[MeshLike], kinds: Sequence[str], parts: dict[int, Part]
+    ) -> None:
+        """Say what a person should know of all that are not whole."""
+        names = [named(item, i) for i, item in enumerate(items)]
+        called = [
+            f"X[{i}]" if name is None else f"X[{i}] ({name!r})" for i, name in enumerate(names)
+        ]
+        warn_of_size(called, kinds)
+        warn_of_sides([called[i] for i in parts], [part.side for part in parts.values()])
+        warn_of_strange(
+            [
+                called[i]
+                for i, part in parts.items()
+                if part.is_itself and not self.trust_.is_familiar(part.laid)
+            ]
         )
-        if told:
-            warn(
-                f"Unlike the training shapes in size, and not matched: {told}. Scans have to be in "
-                "the units of the training shapes, and show 15 % of a shape at least.",
-                SkippedShapeWarning,
-            )
-        strange = ", ".join(
-            describe(i, found[i])
-            for i in _rows(kinds, "part")
-            if i in found and found[i].familiar is False
-        )
-        if strange:
-            warn(
-                f"The reference does not lie on {strange} as on parts of the training shapes. "
-                "Another kind of body, other units, or faces wound inwards? Do not rely on these "
-                "matches.",
-                UnfamiliarShapeWarning,
-            )
 
     def _tell(self, message: str) -> None:
         if self.verbose:
@@ -632,5 +764,17 @@ def _only(items: Sequence[MeshLike], kinds: Sequence[str], kind: str) -> list[Me
 def _lay(matcher: PartialMatcher, item: MeshLike, i: int) -> Part:
     """Return the reference laid onto a part."""
     vertices, faces = arrays_of(item, i)
-    scan = scan_of(vertices, faces, matcher.unit_, matcher.estimator_[0].max_vertices)
-    return Part(vertices / matcher.unit_, faces, scan, matcher.body_.lay(scan))
+    body, max_vertices = matcher.body_, matcher.estimator_[0].max_vertices
+    unit, scale = matcher.unit_, None
+    for turn in (1, -1):  # the other way round if the faces are inside out
+        faces = faces[:, ::turn]
+        if matcher.scale == "estimated":
+            area = float(np.median(matcher.areas_))
+            unit = 1 / scale_of(vertices, faces, body, matcher.trust_, area)
+            scale = matcher.unit_ / unit
+        scan = scan_of(vertices, faces, unit, max_vertices)
+        side = matcher.sides_.of(body, scan) if turn == 1 else "inside out"
+        if side != "inside out":
+            break
+    scan, laid = lay_without_glue(body, scan)
+    return Part(vertices / unit, faces, scan, laid, unit, side, scale)

@@ -22,8 +22,6 @@ _USUAL, _LEAST_STRAIN = 0.99, 0.1
 _TIMES, _AT_LEAST, _AT_MOST = 3.0, 0.05, 0.2
 # The least energy that is usual, for kinds that hardly vary.
 _LEAST_ENERGY = 0.01
-# How much more than usual a reference lies off, or is deformed, that may have begun elsewhere.
-_DOUBTFUL = 1.5
 
 
 class Quality(NamedTuple):
@@ -88,12 +86,13 @@ class Limits(NamedTuple):
         energy = quality.energy / max(self.usual.energy, _LEAST_ENERGY)
         return (off / max(usual, _AT_LEAST) + energy) / 2
 
-    def doubt(self, quality: Quality) -> bool:
-        """Tell whether another start may lead to a better place, however stretched it is there.
+    def doubt(self, quality: Quality) -> float:
+        """Return the misfit, or infinity if the reference does not fit, however stretched it is.
 
-        Of training shapes most may have been matched wrongly: what does not fit is in doubt too.
+        Usual values can be high because most training shapes were matched wrongly.
         """
-        return self.misfit(quality) > _DOUBTFUL or not self.allow(quality._replace(stretched=0.0))
+        fits = self.allow(quality._replace(stretched=0.0))
+        return self.misfit(quality) if fits else float("inf")
 
 
 def assess(

@@ -28,7 +28,7 @@ class SkippedShape:
 
 
 class SetAside(SkippedShape):
-    """What stands in X for a mesh that another part of a model answers.
+    """Placeholder in X for a mesh that another part of a model handles.
 
-    The others keep their index so; nothing warns of it, and every transformer passes it on.
+    It keeps the indices of the others. No warning is given, and all transformers pass it on.
     """
