@@ -333,6 +333,9 @@ class Body:
         facing = np.einsum("na,na->n", normals, near.normals)
         beside = nearest_with_normals(vertices, normals, scan.vertices, scan.normals)
         way_back = self.regions.ways(p2p[beside], np.arange(len(vertices)))
+        # What lies near an answer is shown, whatever lies near it in space.
+        at, answers = self.regions.vertices, np.unique(p2p)
+        to_answer = np.linalg.norm(at - at[answers[nearest(at, at[answers])]], axis=1)
         return np.column_stack(
             [
                 np.minimum(near.distances / _OFF, 3.0),
@@ -341,6 +344,7 @@ class Body:
                 near.on_rim,
                 np.minimum(way_back / _OFF, 3.0),
                 near.on_rim * np.minimum(near.distances / _OFF, 3.0),
+                np.minimum(to_answer / _OFF, 3.0),
             ]
         )
 
