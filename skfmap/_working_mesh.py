@@ -307,13 +307,13 @@ def check_sound(mesh: Mesh, laplacian: str) -> None:
 
 
 def _check_cotangent(mesh: Mesh, who: str) -> None:
-    remedy = f"mend them ({_MENDS}), or use SpectralBasis(laplacian='robust')."
+    remedy = f"Mend them ({_MENDS}), or use SpectralBasis(laplacian='robust')."
     if len(flat := degenerate_faces(mesh.vertices, mesh.faces)):
         raise MeshError(
-            f"{who} has {len(flat)} faces without area; the first is face {flat[0]}; {remedy}"
+            f"{who} has {len(flat)} faces without area; the first is face {flat[0]}. {remedy}"
         )
     if len(edges := nonmanifold_edges(mesh.faces)):
         raise MeshError(
             f"{who} has {len(edges)} edges with more than two faces; the first is "
-            f"{edges[0].tolist()}; {remedy}"
+            f"{edges[0].tolist()}. {remedy}"
         )

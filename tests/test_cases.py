@@ -615,6 +615,44 @@ def test_formats_that_are_not_read_are_named(tmp_path):
         read_mesh(tmp_path / "a.fbx")
 
 
+def test_landmarks_that_are_not_read_are_named_where_others_are_missing(tmp_path):
+    _fill(tmp_path)
+    for name in ("s0_Landmarks.xlsx", "s1.nts", "s2_points.json", "s2.json", "notes.xlsx"):
+        (tmp_path / name).write_bytes(b"")
+    with pytest.warns(SkippedShapeWarning) as told:
+        load_collection(tmp_path)
+    (message,) = [str(one.message) for one in told]
+    assert "s0_Landmarks.xlsx, s1.nts, s2_points.json are not read." in message
+    assert "a spreadsheet as .csv" in message
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        load_collection(tmp_path, by_number=True)
+        for i in range(3):
+            (tmp_path / f"s{i}.txt").write_text("3 0\n5 1\n")
+        load_collection(tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("given", "said"),
+    [
+        (lambda paths: dict(zip("abc", paths, strict=True)), r"got a dict.*list\(X\.values\(\)\)"),
+        (lambda paths: pd.DataFrame(index=paths), r"of 0 columns.*list\(X\.index\)"),
+        (lambda paths: make_creatures(n_shapes=2, n_vertices=500), r"got a Collection.*X\.meshes"),
+    ],
+)
+def test_what_holds_meshes_otherwise_is_told_how_to_give(three_paths, given, said):
+    with pytest.raises(TypeError, match=said):
+        SpectralBasis(5).transform(given(three_paths))
+
+
+@pytest.mark.parametrize("around", ["{}\n", "{} ", '"{}"', "{}\r\n"])
+def test_blanks_and_quotes_around_a_path_are_told(three_paths, around):
+    path = str(three_paths[0])
+    with pytest.raises(MeshError, match="blanks or quotes around it; give") as error:
+        read_mesh(around.format(path))
+    assert repr(path) in str(error.value)
+
+
 def test_the_command_line_names_them_too(tmp_path):
     _fill(tmp_path, 1)
     (tmp_path / "t.dae").write_bytes(b"")

@@ -21,6 +21,7 @@ import skfmap
 from skfmap import Correspondence, Landmarks, Mesh, SpectralBasis, WeightedFunctionalMapLearner
 from skfmap.commands import main
 from skfmap.commands.dispatch import _format_warning
+from skfmap.commands.transfer import _read_columns
 from skfmap.io import read_landmarks, read_mesh, write_landmarks, write_mesh
 from skfmap.persistence import load_model
 
@@ -408,6 +409,11 @@ def heights(place, tmp_path):
     return SimpleNamespace(path=path, values=values)
 
 
+def _read_columns_of(path, n_vertices):
+    columns = _read_columns(path, n_vertices)
+    return [one.name for one in columns], [one.values for one in columns]
+
+
 def test_numbers_are_interpolated_and_words_voted_on(place, heights, tmp_path):
     options = ["--values", heights.path, "-o", tmp_path / "out", *_QUIET]
     assert run("transfer", place.model, place.new / "body4.off", *options) == 0
@@ -433,6 +439,31 @@ def test_what_is_not_trusted_is_blank(place, heights, tmp_path, suffix):
     assert 0.4 < np.isnan(carried).mean() < 0.6
 
 
+@pytest.mark.parametrize("encoding", ["cp1252", "utf-8-sig", "utf-16"])
+@pytest.mark.parametrize("between", [";", "\t", None])
+def test_values_may_have_decimal_commas(place, heights, tmp_path, encoding, between):
+    sides = np.where(heights.values > 0, "höher", "1,5 tiefer").tolist()
+    numbers = [repr(z).replace(".", ",") for z in heights.values.tolist()]
+    columns = zip(["Höhe", *numbers], ["Seite", *sides], strict=True)
+    lines = [one if between is None else f"{one}{between}{side}" for one, side in columns]
+    path = tmp_path / "werte.csv"
+    path.write_bytes(("\r\n".join(lines) + "\r\n").encode(encoding))
+    names, read = _read_columns_of(path, len(numbers))
+    assert names == ["Höhe", "Seite"][: 1 if between is None else 2]
+    np.testing.assert_array_equal(read[0], heights.values)
+    if between is not None:
+        assert read[1].tolist() == sides
+
+
+def test_decimal_commas_without_a_head_are_not_taken_for_columns(place, heights, tmp_path, capsys):
+    path = tmp_path / "values.csv"
+    numbers = [f"{abs(z):.3f}".replace(".", ",") for z in heights.values.tolist()]
+    path.write_text("\n".join(numbers) + "\n")
+    options = ["--values", path, "-o", tmp_path / "out", *_QUIET]
+    assert run("transfer", place.model, place.new / "body4.off", *options) == 2
+    assert "Write decimal points, or semicolons between columns" in capsys.readouterr().err
+
+
 def test_unknown_values_stay_unknown(place, heights, tmp_path):
     values = heights.values.tolist()
     lines = ["" if z > 0 else repr(z) for z in values]
@@ -451,7 +482,7 @@ def test_unknown_values_stay_unknown(place, heights, tmp_path):
     [
         ("1\n2\n3\n", "holds values for 3 vertices, but the reference has 500"),
         ("1,2\n3\n", "must have a line for each of the 500 vertices"),
-        ("", "must have a line for each of the 500 vertices"),
+        ("", "values.csv is empty"),
     ],
 )
 def test_values_must_fit_the_reference(place, tmp_path, capsys, content, message):

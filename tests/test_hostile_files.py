@@ -220,7 +220,7 @@ def test_nodes_of_a_glb_file_keep_their_order_and_their_place(write):
         {"name": "a", "mesh": 0, "matrix": np.diag([-1.0, 1, 1, 1]).ravel().tolist()},
     ]
     turned = _V @ np.array([[0, 1, 0], [-1, 0, 0], [0, 0, 1]])
-    wanted = np.concatenate([2 * (turned + [0, 3, 0]) + [1, 0, 0], _V * [-1, 1, 1]])
+    wanted = np.concatenate([2 * turned + np.array([1, 6, 0]), _V * [-1, 1, 1]])
     faces = np.concatenate([_F, _F[:, [0, 2, 1]] + _N])
     content = _glb([_P, _I], [[_part(0, 1)]], nodes, [{"nodes": [0, 2]}])
     _assert_ball(write("a.glb", content), wanted, faces)
@@ -341,6 +341,30 @@ def test_glb_files_that_are_damaged_are_named(write, content, said):
         read_arrays(write("a.glb", content))
 
 
+@pytest.mark.parametrize(
+    "uri", ["../data.bin", "{}/data.bin", "http://x.org/data.bin", "a/../../b"]
+)
+def test_a_gltf_file_opens_none_from_elsewhere(write, tmp_path, uri):
+    write("data.bin", b"\0" * 99)
+    (tmp_path / "inner").mkdir()
+    scene = json.loads(_glb([_P, _I], [[_part(0, 1)]])[20:].partition(b"BIN")[0][:-4])
+    scene["buffers"][0]["uri"] = uri.format(tmp_path)
+    with pytest.raises(MeshError, match="not beside it"):
+        read_arrays(write("inner/a.gltf", json.dumps(scene)))
+
+
+def test_a_small_gltf_file_does_not_fill_the_memory(write):
+    nodes = [{"mesh": 0}] * 9
+    content = _glb([_P, _I], [[_part(0, 1)]], nodes, [{"nodes": list(range(9))}])
+    assert len(read_arrays(write("a.glb", content))[0]) == 9 * _N  # several times is no matter
+    content = _glb([_P, _I], [[_part(0, 1)]], nodes, [{"nodes": [0] * 9999}])
+    with pytest.raises(MeshError, match="many times its size"):
+        read_arrays(write("b.glb", content))
+    sparse = {"componentType": 5126, "count": 10**12, "type": "VEC3", "sparse": {}}
+    with pytest.raises(MeshError, match="many times its size"):
+        read_arrays(write("c.glb", _glb([_P, _I], [[_part(0, 1)]], accessors=[sparse] * 2)))
+
+
 # Files that are no meshes, and paths
 
 
@@ -350,7 +374,7 @@ def test_glb_files_that_are_damaged_are_named(write, content, said):
         ("a.off", gzip.compress(b"OFF"), r"gzip.*Unpack it first"),
         ("a.ply", b"PK\x03\x04 and so on", r"zip.*Unpack it first"),
         ("a.ply", "version https://git-lfs.github.com/spec/v1\noid sha256:4\n", "git lfs pull"),
-        ("a.obj", "\n<!DOCTYPE html>\n<html>", "page of the web"),
+        ("a.obj", "\n<!DOCTYPE html>\n<html>", "web page"),
     ],
 )
 def test_what_is_no_mesh_is_called_by_its_name(write, name, content, said):
@@ -366,7 +390,7 @@ def test_packed_meshes_in_a_folder_are_named(write, tmp_path):
     with pytest.warns(SkippedShapeWarning) as told:
         assert load_collection(tmp_path).names == ["a", "b"]
     (message,) = [str(one.message) for one in told]
-    assert "c.ply.gz, d.vtu.zip are left out, as .gz, .zip is not read. Unpack it first." in message
+    assert "d.vtu.zip are left out, because .gz, .zip is not read. Unpack it first." in message
     with pytest.raises(MeshError, match=r"'\.gz'.*Unpack it first"):
         read_mesh(tmp_path / "c.ply.gz")
 

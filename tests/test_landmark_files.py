@@ -225,6 +225,10 @@ def test_pts_of_landmark_editor(tmp_path):
         ("1,2,3,\n,,,\n", {"1": [1, 2, 3], "2": NAN}),
         ("x,y,z\n1,2,3,\n4,5,6,\n", {"1": [1, 2, 3], "2": [4, 5, 6]}),
         ('"x" "y" "z"\n"nose" 1 2 3\n"chin" NA NA NA\n', {"nose": [1, 2, 3], "chin": NAN}),
+        ("sep=;\nname;x;y;z\na;1,5;2;3\n", {"a": [1.5, 2, 3]}),
+        ("Punkt;X;Y;Z\nNase;1,5;2;3\nKinn;n.a.;n.a.;n.a.\n", {"Nase": [1.5, 2, 3], "Kinn": NAN}),
+        ("who;x;y;z\nme;1;2;3\nme;4;5;6\n", {"1": [1, 2, 3], "2": [4, 5, 6]}),
+        ("t;x;y;z\n7;1;2;3\n8;4;5;6\n", {"1": [1, 2, 3], "2": [4, 5, 6]}),
     ],
 )
 def test_tables_of_many_kinds(tmp_path, text, expected):

@@ -27,11 +27,14 @@ from skfmap.geometry.cutting import rim_length
 from skfmap.geometry.faults import count_components
 from skfmap.geometry.geodesics import edge_path_distances
 from skfmap.geometry.normals import vertex_normals
+from skfmap.geometry.sphere import subdivided_octahedron
 from skfmap.partial import Cut, DiscCut, LimbCut, PlaneCut, ViewCut
 from skfmap.partial.consistency import hypotheses
+from skfmap.partial.laying import lay_on_part
 from skfmap.partial.scan import Scan, scan_of
 from skfmap.partial.sides import Sides, mirror_image, turned_out
 from skfmap.persistence import load_model, save_model
+from skfmap.registration import Deformation
 
 CUTS = [PlaneCut, LimbCut, DiscCut, ViewCut]
 
@@ -589,7 +592,7 @@ def test_cuts_of_ones_own(creatures, pipeline):
         ({"cuts": []}, ValueError, "cuts must be"),
         ({"n_cuts": 0}, ValueError, "n_cuts"),
         ({"scale": "millimetres"}, ValueError, "scale must be one of 'estimated', 'known'"),
-        ({"n_calibrated": 7}, ValueError, "n_calibrated"),
+        ({"n_calibrated": 13}, ValueError, "n_calibrated"),
         ({"estimator": skfmap.WeightedFunctionalMapLearner()}, TypeError, "must be a Pipeline"),
         (
             {"estimator": make_pipeline("passthrough", skfmap.WeightedFunctionalMapLearner())},
@@ -633,9 +636,58 @@ def test_distances_correct_what_surroundings_get_wrong(creatures):
     told[wrong] = rng.permutation(told[wrong])
     logarithms = np.full((80, 80), -4.0, dtype=np.float32)
     logarithms[np.arange(80), told] = -0.5
-    of_lines = straight, np.full_like(straight, 0.05)
-    best, _ = hypotheses(logarithms, apart[:, :40], straight[:, :40], apart, of_lines, 2)[:2]
+    among = straight, np.zeros_like(straight)
+    best, _ = hypotheses(logarithms, apart[:, :40], straight[:, :40], apart, among, 2)[:2]
     found = best.beliefs.argmax(axis=1)
     assert apart[told, np.arange(80)].mean() > 0.15
     assert apart[found, np.arange(80)].mean() < 0.03
     assert best.beliefs.sum(axis=1) == pytest.approx(1.0, abs=1e-5)
+
+
+def test_how_far_pieces_are_apart_tells_the_side_that_surroundings_leave_open():
+    """Regions 0 to 3 are a trunk, 4 to 7 a hand near one end of it, 8 to 11 one near the other."""
+    line = np.arange(4) * 0.06
+    at = np.concatenate(
+        [
+            np.column_stack([line, np.zeros(4)]),
+            np.column_stack([np.zeros(4), 0.2 + line]),
+            np.column_stack([np.full(4, 0.6), 0.2 + line]),
+        ]
+    )
+    apart = np.linalg.norm(at[:, None] - at[None], axis=2)
+    along = np.where(np.eye(3, dtype=bool).repeat(4, 0).repeat(4, 1), apart, apart + 0.3)
+    for hand in (4, 8):
+        shown = np.r_[0:4, hand : hand + 4]
+        logarithms = np.full((8, 12), -8.0, dtype=np.float32)
+        logarithms[np.arange(4), np.arange(4)] = 0
+        for side in (4, 8):
+            logarithms[4 + np.arange(4), side + np.arange(4)] = -0.7
+        scanned = along[np.ix_(shown, shown)].copy()
+        scanned[:4, 4:] = scanned[4:, :4] = np.inf
+        lines = apart, np.zeros_like(apart)
+        (found,) = hypotheses(logarithms, scanned, apart[np.ix_(shown, shown)], along, lines, 1)
+        assert np.array_equal(found.beliefs.argmax(axis=1), shown)
+
+
+def test_what_is_believed_elsewhere_is_not_drawn():
+    """Of two balls in one place the part shows one, which is drawn to it; the other stays."""
+    ball, faces = subdivided_octahedron(3)
+    ball, n = 0.1 * ball, len(ball)
+    aside, off = np.array([0.5, 0, 0]), np.array([0.03, 0, 0])
+    vertices_0 = np.concatenate([ball - aside, ball + aside])
+    both = np.concatenate([faces, faces + n])
+    start = np.concatenate([ball, ball]) + off
+    places = vertices_0[:n]
+    laid = lay_on_part(
+        Deformation.of_reference(vertices_0, both),
+        both,
+        np.ones(2 * n),
+        vertices_0,
+        (ball, faces),
+        places,
+        start,
+        stiffness=0.3,
+        n_rounds=4,
+    )
+    assert np.linalg.norm(laid[:n], axis=1) == pytest.approx(0.1, abs=0.004)
+    assert laid[n:] == pytest.approx(start[n:], abs=1e-6)

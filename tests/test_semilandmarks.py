@@ -412,7 +412,7 @@ def test_another_reference_and_shapes_that_do_not_fit_are_refused():
     elsewhere = Mesh(BALL.vertices + 5, BALL.faces)
     with pytest.raises(CorrespondenceError, match="belongs to this specimen"):
         carry_points([_registered(BALL.vertices)], points, BALL, [elsewhere])
-    with pytest.raises(TypeError, match="must be what skfmap"):
+    with pytest.raises(TypeError, match="must come from skfmap"):
         carry_points([BALL], points, BALL)
     with pytest.raises(ValueError, match="1 shapes but 2 meshes"):
         carry_points([_registered(BALL.vertices)], points, BALL, [BALL, BALL])

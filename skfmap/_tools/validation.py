@@ -217,11 +217,13 @@ def check_samples(X: object, what: str, name: str = "X") -> Sequence[Any]:
             f"{name} must be a sequence of {what}; got a numeric array of shape {X.shape}. "
             "skfmap works on shapes, not on tables; see the quickstart."
         )
-    if (
-        isinstance(X, (str, bytes, dict))
-        or not hasattr(X, "__iter__")
-        or getattr(X, "ndim", 1) == 0
-    ):
+    if isinstance(X, dict):
+        has = f"{name}.meshes" if "meshes" in X else f"list({name}.values())"
+        raise TypeError(
+            f"{name} must be a sequence of {what}; got a {type(X).__name__}. Give what it holds: "
+            f"{has}."
+        )
+    if isinstance(X, (str, bytes)) or not hasattr(X, "__iter__") or getattr(X, "ndim", 1) == 0:
         raise TypeError(
             f"{name} must be a sequence of {what}; got one {type(X).__name__}. Wrap it in a list: "
             f"[{name}]."
@@ -247,10 +249,15 @@ def _only_column(X: Any, what: str, name: str) -> Any:
         columns = list(X.columns)
         if len(columns) == 1:
             return list(X[columns[0]])
+        if not columns:
+            raise TypeError(
+                f"{name} must be a sequence of {what}; got a data frame of 0 columns. Give its "
+                f"index, if that holds them: list({name}.index)."
+            )
         raise TypeError(
             f"{name} must be a sequence of {what}; got a data frame with {len(columns)} columns "
             f"({', '.join(map(repr, columns[:5]))}{', ...' if len(columns) > 5 else ''}). Give the "
-            f"one that holds them, as {name}[{(columns or ['path'])[0]!r}]."
+            f"one that holds them, as {name}[{columns[0]!r}]."
         )
     if isinstance(X, np.ndarray) and X.ndim == 2 and X.size and isinstance(X.flat[0], (str, Path)):
         if X.shape[1] == 1:

@@ -128,7 +128,7 @@ def parser_of(verb: str) -> argparse.ArgumentParser:
 
 
 def _is_no_folder(word: str) -> bool:
-    """Tell whether a word is neither an option nor anything that lies on the disk."""
+    """Return whether a word is neither an option nor an existing file or folder."""
     return not word.startswith("-") and not Path(word).exists()
 
 

@@ -99,7 +99,7 @@ def check_model_path(path: Path) -> None:
 
 
 def check_two_usable(meshes: Sequence[Any]) -> None:
-    """Raise where all meshes of a folder but the reference are left out: nothing can be learned.
+    """Raise an error if only the reference can be used, so that nothing can be learned.
 
     Raises
     ------

@@ -92,7 +92,7 @@ def run_on_new_shapes(
     paths = mesh_files(options.meshes)
     targets = targets_of(paths, options.output, suffix)
     summary = options.output / _SUMMARY
-    # The summary of an earlier run, as one into another format, is about that run alone.
+    # The summary of an earlier run, for instance in another format, may be replaced.
     kept = [] if is_summary(summary) else [summary]
     check_free([*targets.values(), *also, *kept], force=options.force)
     model = read_model(options.model)

@@ -22,7 +22,7 @@ __all__ = [
 
 
 SUMMARY_ENDS = ("shape", "note")
-"""First and last column of the summary that the verbs write about new shapes."""
+"""First and last columns of the summary that the verbs write for new shapes."""
 
 
 def add_output(parser: argparse.ArgumentParser, default: str, what: str) -> None:
@@ -37,8 +37,8 @@ def add_output(parser: argparse.ArgumentParser, default: str, what: str) -> None
     parser.add_argument("--force", action="store_true", help="overwrite existing files")
 
 
-def add_quiet(parser: argparse.ArgumentParser, what: str = "tell no progress") -> None:
-    """Add the option to say less."""
+def add_quiet(parser: argparse.ArgumentParser, what: str = "do not report progress") -> None:
+    """Add the option to print less."""
     parser.add_argument("-q", "--quiet", action="store_true", help=what)
 
 
@@ -103,7 +103,7 @@ def write_table(path: Path, header: Sequence[str], rows: Iterable[Sequence[objec
 
 
 def is_summary(path: Path) -> bool:
-    """Tell whether a file is the summary of an earlier run, of whatever verb."""
+    """Return whether a file is the summary of an earlier run of any verb."""
     try:
         with path.open(encoding="utf-8", newline="") as file:
             head = next(csv.reader(file), [])

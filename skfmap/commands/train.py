@@ -151,7 +151,7 @@ def run(options: argparse.Namespace) -> int:
 
 
 def _collection(options: argparse.Namespace) -> Collection:
-    """Read the folder; raise, in one line, where there is nothing in it to learn from."""
+    """Read the folder; raise a one-line error if there is nothing to learn from."""
     with warnings.catch_warnings(record=True) as told:
         collection = load_collection(
             options.folder,
@@ -170,7 +170,7 @@ def _collection(options: argparse.Namespace) -> Collection:
 
 
 def _next_verbs(collection: Bunch, options: argparse.Namespace) -> list[str]:
-    """Return what the model is for: what was asked for, and matching otherwise."""
+    """Return the verbs to suggest for the model: what it was trained for, or matching."""
     for_landmarks = ["landmarks"] if _has_landmarks(collection) else []
     to_register = ["register"] if options.refine == "register" else []
     return [*for_landmarks, *to_register] or ["match"]

@@ -1,7 +1,7 @@
 """``transfer``: carry values at the vertices of the reference over to new shapes."""
 
 import argparse
-import csv
+import re
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -11,6 +11,7 @@ from skfmap._tools.types import Array
 from skfmap.commands.match import doubt_of, mean_error
 from skfmap.commands.new_shapes import Result, Work, add_common, run_on_new_shapes
 from skfmap.commands.outputs import write_table
+from skfmap.io.texts import cells_of, read_text
 from skfmap.shapes import Match
 
 __all__ = ["DESCRIPTION", "HELP", "add_arguments", "run"]
@@ -22,6 +23,11 @@ DESCRIPTION = (
     "NAME, the file NAME.csv (or .npy) has one line per vertex, which is blank or NaN if the match "
     "is not trusted there."
 )
+
+
+# A decimal comma, and what stands behind one.
+_COMMA = re.compile(r"^\s*([+-]?\d*),(\d+(?:[eE][+-]?\d+)?)\s*$")
+_FRACTION = re.compile(r"0\d+")
 
 
 class _Column(NamedTuple):
@@ -112,9 +118,8 @@ def _of_array(path: Path) -> tuple[list[str], list[Any]]:
 
 def _of_text(path: Path, n_vertices: int) -> tuple[list[str], list[Any]]:
     """Return the names and columns of a table; an extra line is taken to be its header."""
-    with path.open(encoding="utf-8-sig", newline="") as file:
-        between_blanks = path.suffix.lower() != ".csv"
-        rows = [line.split() for line in file] if between_blanks else list(csv.reader(file))
+    lines = read_text(path)
+    rows = _rows_of_csv(lines) if path.suffix.lower() == ".csv" else [one.split() for one in lines]
     while rows and not rows[-1]:
         rows.pop()
     widths = {len(row) for row in rows}
@@ -124,7 +129,32 @@ def _of_text(path: Path, n_vertices: int) -> tuple[list[str], list[Any]]:
             "with as many columns."
         )
     head = rows.pop(0) if len(rows) == n_vertices + 1 else _usual_names(widths.pop())
-    return head, [_typed(np.array(column, dtype=str)) for column in zip(*rows, strict=True)]
+    columns = list(zip(*rows, strict=True))
+    if len(columns) > 1 and any(_FRACTION.fullmatch(cell) for cell in columns[1]):
+        raise ValueError(
+            f"{path} has numbers that begin with 0 in its second column, as where a decimal comma "
+            "parts them. Write decimal points, or semicolons between columns."
+        )
+    return head, [_typed(np.array(column, dtype=str)) for column in columns]
+
+
+def _rows_of_csv(lines: list[str]) -> list[list[str]]:
+    """Return the cells of a table; commas of numbers are made points where they part no cells.
+
+    Spreadsheets write such tables in countries where commas stand before decimals.
+    """
+    full = [line for line in lines if line.strip()]
+    between = next((one for one in ";\t" if all(one in line for line in full)), ",")
+    if between == "," and "," not in full[0] and all(_is_one_cell(line) for line in full[1:]):
+        between = ";"  # a single column under its head
+    rows = [cells_of(line, between) for line in lines]
+    if between == ",":
+        return rows
+    return [[_COMMA.sub(r"\1.\2", cell) for cell in row] for row in rows]
+
+
+def _is_one_cell(line: str) -> bool:
+    return "," not in line or _COMMA.fullmatch(line) is not None
 
 
 def _usual_names(n_columns: int) -> list[str]:

@@ -17,7 +17,12 @@ from skfmap._tools.types import (
 from skfmap._tools.validation import check_choice, check_index_range
 from skfmap._tools.warn import warn
 from skfmap.datasets._collection import Collection
-from skfmap.datasets._landmark_files import landmark_files, landmarks_on, only_one
+from skfmap.datasets._landmark_files import (
+    landmark_files,
+    landmarks_on,
+    only_one,
+    unread_landmarks,
+)
 from skfmap.datasets._vertex_files import read_column
 from skfmap.exceptions import (
     CorrespondenceError,
@@ -129,7 +134,7 @@ def load_collection(
         If meshes were mended, or if landmarks lie on their mesh only with x and y negated (the
         coordinate systems LPS and RAS of 3D Slicer), and were negated.
     SkippedShapeWarning
-        If meshes were skipped, or files have a format that is not read.
+        If meshes were skipped, or if meshes or landmark files have a format that is not read.
     CoverageWarning
         If a template point or a vertex occurs in a large share of the pairs of a mesh, which
         suggests that it stands for "none".
@@ -164,6 +169,9 @@ def load_collection(
         _read(path, files, one, by_number)
         for path, files, one in zip(paths, marked, modes, strict=True)
     ]
+    bare = [path for path, one in zip(paths, read, strict=True) if one.truth is None]
+    if not by_number and (unread := unread_landmarks(bare)):
+        warn(unread, SkippedShapeWarning)
     meshes = [one.mesh for one in read]
     beside = any(one.truth is not None for one in read)
     faults = (
@@ -518,7 +526,7 @@ def _as_integers(values: Array, path: Path) -> IntArray:
 
 
 def _of_pairs(path: Path, mesh: Mesh) -> Correspondence:
-    """Return the pairs of a file, with those of symmetric answers if these lie beside it."""
+    """Return the pairs of a file, with the symmetric pairs from the file beside it, if any."""
     beside = path.with_name(f"{path.stem}.sym{path.suffix}")
     symmetric = _read_pairs(beside, mesh) if beside.is_file() else None
     return Correspondence(_read_pairs(path, mesh), symmetric)

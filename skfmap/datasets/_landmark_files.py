@@ -13,7 +13,12 @@ from skfmap.io.tables import is_table_of_points
 from skfmap.io.texts import MARKS, moved
 from skfmap.shapes import Correspondence, Landmarks, Mesh
 
-__all__ = ["OnMesh", "landmark_files", "landmarks_on", "only_one"]
+__all__ = ["OnMesh", "landmark_files", "landmarks_on", "only_one", "unread_landmarks"]
+
+# Landmarks of other programs, and what may be landmarks where its name says so.
+_OTHERS = ("dta", "landmarkascii", "lmk", "mps", "nts", "ods", "xls", "xlsx")
+_WHERE_CALLED_SO = ("json", "mat", "rds", "xml")
+_MOST = 8  # names that a message lists
 
 
 def landmark_files(paths: list[Path]) -> list[list[Path]]:
@@ -36,6 +41,26 @@ def landmark_files(paths: list[Path]) -> list[list[Path]]:
             best = max(owners, key=lambda stem: (len(stem), file.name.startswith(stem)))
             found[best].append(file)
     return [_exact(found[stem], stem) for stem in stems]
+
+
+def unread_landmarks(paths: list[Path]) -> str:
+    """Name the files beside meshes that seem to hold landmarks, and are not read; empty if none."""
+    if not paths:
+        return ""
+    stems = "|".join(re.escape(path.stem) for path in paths)
+    called = rf"(?:{stems})(?:(?:{MARKS})?\.(?:{'|'.join(_OTHERS)})"
+    called += rf"|(?:{MARKS})\.(?:{'|'.join(_WHERE_CALLED_SO)}))"
+    fits = re.compile(called, re.IGNORECASE)
+    folder = paths[0].parent
+    found = sorted(file.name for file in folder.iterdir() if fits.fullmatch(file.name))
+    if not found:
+        return ""
+    more = f" and {len(found) - _MOST} more" if len(found) > _MOST else ""
+    return (
+        f"{folder}: {', '.join(found[:_MOST])}{more} are not read. If they hold landmarks, save "
+        f"them as one of {', '.join(LANDMARK_SUFFIXES)}; a spreadsheet as .csv, with columns name, "
+        "x, y, z."
+    )
 
 
 def _may_hold_points(file: Path, owners: list[str]) -> bool:

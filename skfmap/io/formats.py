@@ -24,7 +24,8 @@ _MESHLAB = "MeshLab can save it as PLY"
 
 # Formats of surfaces that are not read, and how to convert them.
 _REMEDIES = {
-    **dict.fromkeys((".vtm", ".vtu"), _PARAVIEW),
+    **dict.fromkeys((".vtkhdf", ".vtm", ".vtu"), _PARAVIEW),
+    ".asc": "convert it to a FreeSurfer surface with mris_convert",
     ".orig": "a FreeSurfer surface is read if its name ends in .white, for instance",
     **dict.fromkeys((".blend", ".dae", ".fbx", ".usd", ".usda", ".usdc", ".usdz"), _BLENDER),
     **dict.fromkeys((".iges", ".igs", ".step", ".stp"), _CAD),

@@ -18,6 +18,9 @@ __all__ = ["read_gltf"]
 _TYPES = {5120: "i1", 5121: "u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: "<f4"}
 _COLUMNS = {"SCALAR": 1, "VEC3": 3}
 _LIST, _STRIP, _FAN = 4, 5, 6  # modes with triangles
+# Numbers that are unpacked for each byte of the file. A mesh may be shown several times, but a
+# small file must not fill the memory.
+_NUMBERS_PER_BYTE = 16
 
 
 class _Part(NamedTuple):
@@ -44,7 +47,7 @@ def read_gltf(path: Path, content: bytes) -> tuple[FloatArray, IntArray]:
     if "draco" in required or "meshopt" in required:
         raise MeshError("is compressed (Draco or meshopt). Export it without compression.")
     try:
-        data = _Data(scene, binary, path.parent)
+        data = _Data(scene, binary, path.parent, len(content))
         parts = [part for node, matrix in _nodes(scene) for part in _parts(data, node, matrix)]
     except (KeyError, IndexError, TypeError, ValueError, RecursionError) as error:
         if isinstance(error, MeshError):
@@ -185,8 +188,9 @@ def _triangles(data: "_Data", primitive: dict[str, Any], mode: int, n_vertices: 
 class _Data:
     """The arrays of a file, by the index of their accessor."""
 
-    def __init__(self, scene: dict[str, Any], binary: bytes, folder: Path) -> None:
+    def __init__(self, scene: dict[str, Any], binary: bytes, folder: Path, size: int) -> None:
         self.scene = scene
+        self._left = _NUMBERS_PER_BYTE * size
         self._binary = binary
         self._folder = folder
         self._buffers: dict[int, bytes] = {}
@@ -197,6 +201,14 @@ class _Data:
         kind, n = np.dtype(_TYPES[accessor["componentType"]]), int(accessor["count"])
         columns = _COLUMNS[accessor["type"]]
         sparse = accessor.get("sparse")
+        if "bufferView" in accessor:
+            self._buffer(self.scene["bufferViews"][accessor["bufferView"]]["buffer"])
+        self._left -= n * columns
+        if self._left < 0:
+            raise MeshError(
+                "shows its parts so often that they would take many times its size, or is damaged. "
+                "Export one mesh."
+            )
         if "bufferView" in accessor:
             values = self._rows(accessor, kind, n, columns)
         elif sparse:
@@ -234,10 +246,19 @@ class _Data:
             return self._binary
         if uri.startswith("data:"):
             return base64.b64decode(uri.partition(",")[2])
-        path = self._folder / unquote(uri)
-        if "://" in uri or not path.is_file():
+        name = unquote(uri)
+        path = self._folder / name
+        # A file from a stranger is not to open others from elsewhere.
+        if "://" in uri or ".." in Path(name).parts or Path(name).is_absolute():
             raise MeshError(
-                f"keeps its numbers in another file, {unquote(uri)}, which is missing. Put that "
-                "file beside it, or export a .glb file."
+                f"keeps its numbers in another file that is not beside it, {name}. Export a .glb "
+                "file."
             )
-        return path.read_bytes()
+        if not path.is_file():
+            raise MeshError(
+                f"keeps its numbers in another file, {name}, which is missing. Put that file "
+                "beside it, or export a .glb file."
+            )
+        content = path.read_bytes()
+        self._left += _NUMBERS_PER_BYTE * len(content)
+        return content

@@ -143,7 +143,7 @@ def _archive(match: Match) -> bytes:
     """Return an .npz file with all arrays of a match except those that are None."""
     names = (
         *("p2p", "expected_error", "confidence", "n_supporting", "inverse", "functional_map"),
-        *("reduced_map", "refined_map", "covered", "covered_probability"),
+        *("reduced_map", "refined_map", "covered", "covered_probability", "torn"),
     )
     arrays = {name: getattr(match, name) for name in names}
     arrays |= {name: getattr(match, name) for name in ("name", "reference_name", "reference_hash")}

@@ -4,6 +4,7 @@ Trimesh is only imported when it is needed.
 """
 
 import math
+import os
 import sys
 from collections.abc import Sequence
 from pathlib import Path
@@ -56,15 +57,15 @@ __all__ = [
 # the mean edge with 5,000 vertices. It is reached at 1,700 times the extent from the origin.
 _MOST_LOST = 1e-4
 
-# What files of any name may be, by how they begin.
+# Contents that any file may have instead of a mesh, by their first bytes.
 _NO_MESHES = {
-    b"\x1f\x8b": "packed (gzip). Unpack it first.",
-    b"pk\x03\x04": "packed (zip). Unpack it first.",
-    b"bzh": "packed (bzip2). Unpack it first.",
-    b"\xfd7zxz": "packed (xz). Unpack it first.",
-    b"version https://git-lfs": "a pointer of Git LFS in place of the mesh. Run git lfs pull.",
-    b"<!doctype html": "a page of the web. Download the file itself.",
-    b"<html": "a page of the web. Download the file itself.",
+    b"\x1f\x8b": "compressed (gzip). Unpack it first.",
+    b"pk\x03\x04": "compressed (zip). Unpack it first.",
+    b"bzh": "compressed (bzip2). Unpack it first.",
+    b"\xfd7zxz": "compressed (xz). Unpack it first.",
+    b"version https://git-lfs": "a Git LFS pointer instead of the mesh. Run git lfs pull.",
+    b"<!doctype html": "a web page. Download the file itself.",
+    b"<html": "a web page. Download the file itself.",
 }
 _HEAD = 64
 
@@ -142,21 +143,7 @@ def read_arrays(path: str | Path) -> tuple[FloatArray, IntArray]:
     if not isinstance(path, (str, Path)):
         raise TypeError(f"path must be the path of a mesh file; got {path!r}.")
     path = Path(path)
-    suffix = path.suffix.lower()
-    if suffix not in READ_SUFFIXES:
-        raise MeshError(
-            f"{path} has the suffix {suffix!r}; skfmap reads {', '.join(READ_SUFFIXES)}."
-            f"{remedy_for(suffix)}"
-        )
-    if not path.is_file():
-        home = f" Write {path.expanduser()}." if str(path).startswith("~") else ""
-        raise FileNotFoundError(f"There is no mesh file {path}.{home}")
-    content = path.read_bytes()
-    if not content.strip():
-        raise MeshError(f"{path} is empty. Export the mesh again, or remove the file.")
-    for begin, what in _NO_MESHES.items():
-        if content[:_HEAD].lstrip().lower().startswith(begin):
-            raise MeshError(f"{path} cannot be read: it is {what}")
+    content, suffix = _content_of(path), path.suffix.lower()
     try:
         if suffix in _OWN_READERS:
             vertices, polygons = _OWN_READERS[suffix](content)
@@ -166,7 +153,7 @@ def read_arrays(path: str | Path) -> tuple[FloatArray, IntArray]:
                 )
             faces, crossing = triangulate(vertices, *polygons)
         else:
-            # glTF may keep its numbers in files beside it.
+            # A .gltf file may store its numbers in other files beside it.
             vertices, faces = read_stl(content) if suffix == ".stl" else read_gltf(path, content)
             crossing = faces[:0, 0]
     except MeshError as error:
@@ -185,6 +172,29 @@ def read_arrays(path: str | Path) -> tuple[FloatArray, IntArray]:
             RepairWarning,
         )
     return np.asarray(vertices, dtype=np.float64), faces.astype(np.int64)
+
+
+def _content_of(path: Path) -> bytes:
+    """Return the bytes of a mesh file; raise where it is none, by its name or by how it begins."""
+    suffix = path.suffix.lower()
+    if suffix not in READ_SUFFIXES:
+        if (bare := str(path).strip("\"' \t\r\n")) != str(path):
+            raise MeshError(f"{str(path)!r} has blanks or quotes around it; give {bare!r}.")
+        raise MeshError(
+            f"{path} has the suffix {suffix!r}; skfmap reads {', '.join(READ_SUFFIXES)}."
+            f"{remedy_for(suffix)}"
+        )
+    if not path.is_file():
+        at_home = os.path.expanduser(path)  # which raises nothing for a user that is unknown
+        remedy = f" Write {at_home}." if at_home != str(path) else ""
+        raise FileNotFoundError(f"There is no mesh file {path}.{remedy}")
+    content = path.read_bytes()
+    if not content.strip():
+        raise MeshError(f"{path} is empty. Export the mesh again, or remove the file.")
+    for begin, what in _NO_MESHES.items():
+        if content[:_HEAD].lstrip().lower().startswith(begin):
+            raise MeshError(f"{path} cannot be read: it is {what}")
+    return content
 
 
 def as_far_as_sound(vertices: FloatArray, faces: IntArray, name: str) -> tuple[Mesh, str]:

@@ -49,10 +49,11 @@ def _stl_text(content: bytes, n_said: int) -> tuple[bytes, int]:
                 "is not an STL file, or is truncated: it has neither the first word of a text file "
                 "nor the 84 bytes that begin a binary one. Export it again."
             )
-        if n_there >= n_said > 0:
+        n_more = len(content) - 84 - 50 * n_said
+        if n_more > 0 and n_said > 0:
             raise MeshError(
-                f"has {len(content) - 84 - 50 * n_said} bytes after the {n_said} triangles that it "
-                "declares: it has a second solid, or is damaged. Export it again."
+                f"has {n_more} bytes after the {n_said} triangles that it declares: it has a "
+                "second solid, or is damaged. Export it again."
             )
         raise MeshError(
             f"declares {n_said} triangles, but its size is that of {n_there}: it is truncated, "

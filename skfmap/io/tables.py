@@ -29,6 +29,8 @@ __all__ = ["csv_of", "is_table_of_points", "read_table"]
 # None stands for any run of blanks. The comma comes late because numbers may contain it.
 _SEPARATORS = ("\t", ";", ",", None)
 _HEAD = 65536  # number of bytes read to recognise a table
+# The first line that Excel writes to declare the separator.
+_SEPARATED = re.compile(r'"?sep=.?"?\s*', re.IGNORECASE)
 _WORD = re.compile(r'"((?:[^"]|"")*)"|(\S+)')
 
 # Names of columns, in order of preference. Tables of 3D Slicer have r, a, s or l, p, s, and
@@ -98,7 +100,7 @@ def _split(
     lines: list[_Line] = []
     head = None
     for number, line in text:
-        if not line.strip():
+        if not line.strip() or (number == 1 and _SEPARATED.fullmatch(line)):
             continue
         bare = line.lstrip("# ") if line.startswith("#") else line
         if not lines and head is None and (head := _head(_cells(bare, separator))):
@@ -116,7 +118,7 @@ def _split(
         return lines, _without_head(path, lines)
     if head.name is None and all(len(line.cells) == head.n + 1 for line in lines):
         return lines, _with_row_names(head)
-    return lines, head
+    return lines, _with_names_in_front(head, lines)
 
 
 def _with_row_names(head: _Columns) -> _Columns:
@@ -128,6 +130,21 @@ def _with_row_names(head: _Columns) -> _Columns:
         placed=None if head.placed is None else head.placed + 1,
         errors={what: i + 1 for what, i in head.errors.items()},
     )
+
+
+def _with_names_in_front(head: _Columns, lines: list[_Line]) -> _Columns:
+    """Return the columns, the first as names where its head is in another language.
+
+    That is where no head names them, and the first column has another text in each line.
+    """
+    taken = {*head.at, head.placed, *head.errors.values()}
+    if head.name is not None or 0 in taken:
+        return head
+    words = [line.cells[0] for line in lines if any(line.cells)]
+    distinct = len(set(words)) == len(words) and all(words)
+    if not distinct or any(_holds_number(word) for word in words):
+        return head
+    return head._replace(name=0)
 
 
 def _is_comment(line: str) -> bool:

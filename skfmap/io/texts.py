@@ -66,7 +66,9 @@ _BYTE_ORDER_MARKS = (
 
 _NUMBER = re.compile(r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?", re.ASCII)
 # Marks of missing numbers in spreadsheets, R, and old and new C libraries.
-_UNKNOWN = re.compile(r"|[+-]?nan(\(.*\))?|#?n/?a!?|null|none|[+-]?1\.#(ind|qnan).*", re.IGNORECASE)
+_UNKNOWN = re.compile(
+    r"|[+-]?nan(\(.*\))?|#?n[/.]?a[!.]?|null|none|[+-]?1\.#(ind|qnan).*", re.IGNORECASE
+)
 
 # Values that mark a missing point if all three coordinates have them.
 _SENTINELS = (-999.0, -9999.0)

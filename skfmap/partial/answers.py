@@ -121,7 +121,8 @@ def matched_part(known: Knowledge, part: Part, name: str | None) -> Match:
     at, normals = part.vertices[rows], part.normals[rows]
     own = nearest_with_normals(at, normals, scan.vertices, scan.normals)
     laid_normals = vertex_normals(laid.vertices, known.body.regions.faces)
-    working = nearest_with_normals(at, normals, laid.vertices, laid_normals)
+    believed = laid.places[own]
+    working = known.body.nearest(at, normals, believed, laid.vertices, laid_normals)
     errors, right = known.trust.assess(scan, laid)
     belongs = laid.away[own] <= _NOTHING
     rows, working, own = rows[belongs], working[belongs], own[belongs]

@@ -44,7 +44,8 @@ _N_HYPOTHESES, _AS_GOOD, _ALIKE = 3, 4.0, 0.02
 _NEAR_IN_SPACE, _DISTANT = 0.1, 8.0
 # How much a logarithm of the probability counts beside the share that lies off the reference.
 _OF_LIKELIHOOD = 0.1
-_OF_P = 0.2
+# How much a distance on the reference from where a point is believed counts beside one in space.
+_BELIEVED = 0.2
 
 
 class Regions(NamedTuple):
@@ -308,11 +309,19 @@ class Body:
         vertices: FloatArray,
         normals_of_vertices: FloatArray,
     ) -> IntArray:
-        """Return the nearest vertex, farther away where it is not believed."""
+        """Return the nearest vertex of the laid reference to each point.
+
+        Parameters
+        ----------
+        points, normals, places : ndarray of shape (n_points, 3)
+            Points of a scan, and where on the reference they are believed to be.
+        vertices, normals_of_vertices : ndarray of shape (n_vertices_0, 3)
+            Of the laid reference.
+        """
         return nearest_with_normals(
-            np.column_stack([points, _OF_P * places]),
+            np.column_stack([points, _BELIEVED * places]),
             normals,
-            np.column_stack([vertices, _OF_P * self.regions.vertices]),
+            np.column_stack([vertices, _BELIEVED * self.regions.vertices]),
             normals_of_vertices,
         )
 

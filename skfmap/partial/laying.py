@@ -21,9 +21,9 @@ _NEIGHBOURS = 0.15
 _N_POINTS = 2000
 # Distance, in sqrt(area), at which what draws counts for little, in the first round and the last.
 _REACH, _REACH_AT_LAST = 0.1, 0.03
-# Distance on the reference, in sqrt(area), at which what is believed elsewhere counts for little, and
-# how much it counts beside one in space.
-_ELSEWHERE, BESIDE_SPACE = 0.1, 0.4
+# Distance on the reference, in sqrt(area), at which what is believed elsewhere counts for little,
+# and how much it counts beside one in space.
+_ELSEWHERE, _BESIDE_SPACE = 0.1, 0.4
 # Cosine of the angle within which normals agree: 60 degrees.
 _AGREES = 0.5
 # The stiffness falls from so many times what it ends with, in rounds of so many turns.
@@ -113,8 +113,13 @@ def lay_on_part(
         How it deforms.
     faces, areas : ndarray of int, shape (n_faces, 3), ndarray of shape (n_vertices,)
         Of the reference, and areas of its vertices.
+    vertices_0 : ndarray of shape (n_vertices, 3)
+        Of the reference as it stands.
     part : tuple of ndarray
         Vertices and faces of the part, in units of sqrt(area) of the reference.
+    places : ndarray of shape (n_vertices_i, 3)
+        Where on the reference vertices of the part are believed to be. They do not draw what is
+        elsewhere, so that a leg that was not scanned is not laid onto the other.
     start : ndarray of shape (n_vertices, 3)
         Coordinates to begin with.
     stiffness : float
@@ -159,10 +164,10 @@ def _back(
     if not len(rows):
         return back
     chosen = nearest(
-        np.column_stack([points[rows], BESIDE_SPACE * believed[rows]]),
-        np.column_stack([vertices, BESIDE_SPACE * vertices_0]),
+        np.column_stack([points[rows], _BESIDE_SPACE * believed[rows]]),
+        np.column_stack([vertices, _BESIDE_SPACE * vertices_0]),
     )
-    corners, weights, distances = (part.copy() for part in back)
+    corners, weights, distances = back.corners.copy(), back.weights.copy(), back.distances.copy()
     corners[rows], weights[rows] = chosen[:, None], [1.0, 0.0, 0.0]
     distances[rows] = np.linalg.norm(points[rows] - vertices[chosen], axis=1)
     return NearestPlaces(corners, weights, distances)

@@ -41,6 +41,13 @@ from skfmap.partial.between import (
     whole_on_reference,
 )
 from skfmap.partial.cuts import Cut, make_cuts
+from skfmap.partial.glue import (
+    better_of,
+    lay_without_glue,
+    tears_of_wholes,
+    warn_of_tears,
+    with_tears,
+)
 from skfmap.partial.kinds import TrainingSizes
 from skfmap.partial.laid_out import (
     landmarks_on_part,
@@ -82,7 +89,7 @@ class PartialMatcher(Versioned, BaseEstimator):
     cuts : {"auto", "planes", "limbs", "views", "discs"}, Cut or list, default="auto"
         How training shapes are cut: words, or objects of `skfmap.partial`, yours among them.
         ``"auto"`` is all of the four.
-    n_cuts : int, default=6
+    n_cuts : int, default=12
         Parts that are cut of each training shape to learn from. The whole shape is one more.
     n_calibrated : int, default=2
         How many of them are matched by what was learned without the shape, which says how large
@@ -137,7 +144,7 @@ class PartialMatcher(Versioned, BaseEstimator):
         estimator: Pipeline,
         cuts: str | Cut | Sequence[str | Cut] = "auto",
         *,
-        n_cuts: int = 6,
+        n_cuts: int = 12,
         n_calibrated: int = 2,
         scale: Literal["known", "estimated"] = "known",
         random_state: int = 0,
@@ -241,7 +248,8 @@ class PartialMatcher(Versioned, BaseEstimator):
         list of Match
             With ``covered`` and ``covered_probability``. Vertices of a scan that belong to nothing
             have -1, and so has ``inverse`` where nothing of the reference is covered. A part has no
-            functional map; its entries are NaN.
+            functional map; its entries are NaN. ``torn`` marks where neighbours land far apart; a
+            whole shape on which they do is matched as a part, if it tears less then.
 
         Warns
         -----
@@ -249,7 +257,8 @@ class PartialMatcher(Versioned, BaseEstimator):
             If a part is too small to say where it belongs, below 15 % of the area of the training
             shapes, or units differ from theirs.
         UnfamiliarShapeWarning
-            If a scan does not lie on the reference as parts of training shapes do.
+            If a scan does not lie on the reference as parts of training shapes do, or its map
+            tears (``Match.torn``).
         """
         check_is_fitted(self)
         items = check_meshes(X)
@@ -264,13 +273,15 @@ class PartialMatcher(Versioned, BaseEstimator):
                 refine=refine,
                 interpolate=interpolate,
             )
-            found.update((i, all_covered(answers[i])) for i in _rows(kinds, "whole"))
+            rows = _rows(kinds, "whole")
+            found.update(self._mended(items, {i: all_covered(answers[i]) for i in rows}))
         parts = self._laid(items, _rows(kinds, "part"))
         found.update(self._matched(items, parts))
         for i in range(len(items)):
             if i not in found:
                 found[i] = self._nothing(items[i], i)
         self._warn(items, kinds, parts)
+        warn_of_tears(found)
         return [found[i] for i in range(len(items))]
 
     def match_between(
@@ -640,12 +651,21 @@ class PartialMatcher(Versioned, BaseEstimator):
 
     def _matched(self, items: Sequence[MeshLike], parts: dict[int, Part]) -> dict[int, Match]:
         """Return the matches of parts that the reference was laid onto, by their indices."""
+        known, found = self._knowledge(), {}
+        for i, part in parts.items():
+            match = matched_part(known, part, named(items[i], i))
+            match = with_tears(known, part.vertices, part.faces, 1.0, match)
+            found[i] = with_meshes(match, items[i], i, known.learner.reference_.spectral)
+        return found
+
+    def _mended(self, items: Sequence[MeshLike], found: dict[int, Match]) -> dict[int, Match]:
+        """Return matches of whole shapes; of those that tear, as of parts if these tear less."""
         known = self._knowledge()
-        reference = known.learner.reference_.spectral
-        return {
-            i: with_meshes(matched_part(known, part, named(items[i], i)), items[i], i, reference)
-            for i, part in parts.items()
-        }
+        told, torn = tears_of_wholes(known, items, self.unit_, found)
+        if torn:
+            parts = self._laid(items, torn)
+            told.update(better_of(known, told, self._matched(items, parts), parts))
+        return told
 
     def _on_reference(
         self, items: Sequence[MeshLike], kinds: Sequence[str], wanted: set[int], told: set[int]
@@ -669,6 +689,7 @@ class PartialMatcher(Versioned, BaseEstimator):
                 vertices, faces = arrays_of(items[i], i)
                 on_reference[i] = whole_on_reference(vertices, faces, match)
         self._warn(items, kinds, parts)
+        warn_of_tears(matches)
         return matches, on_reference
 
     def _whole_on_places(
@@ -755,4 +776,5 @@ def _lay(matcher: PartialMatcher, item: MeshLike, i: int) -> Part:
         side = matcher.sides_.of(body, scan) if turn == 1 else "inside out"
         if side != "inside out":
             break
-    return Part(vertices / unit, faces, scan, body.lay(scan), unit, side, scale)
+    scan, laid = lay_without_glue(body, scan)
+    return Part(vertices / unit, faces, scan, laid, unit, side, scale)

@@ -75,5 +75,5 @@ def score_of(body: Body, scan: Scan) -> float:
     regions = body.regions
     apart = regions.distances[:, regions.centres].astype(np.float64)
     logarithms = body.recogniser.logarithms(scan.features[scan.points])
-    told = scan.distances, scan.straight, apart, body.straight
-    return hypotheses(logarithms, *told, 1)[0].score
+    along = scan.distances, scan.straight, apart, body.straight
+    return hypotheses(logarithms, *along, 1)[0].score

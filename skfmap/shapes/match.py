@@ -72,6 +72,10 @@ class Match:
         unless a `skfmap.PartialMatcher` matched it.
     covered_probability : ndarray of shape (n_vertices_0,) or None
         Probability that each vertex of the reference is present on the shape.
+    torn : ndarray of bool, shape (n_vertices_i,), or None
+        At which vertices of S_i the map tears: where ``p2p`` sends vertices that are neighbours on
+        S_i far apart on S_0, as where a hand is glued to a thigh, or where the match is wrong. None
+        unless a `skfmap.PartialMatcher` matched it.
     scale : float or None
         Factor that converts the coordinates of the shape to the units of the training shapes, if it
         was estimated (``PartialMatcher(scale="estimated")``).
@@ -104,6 +108,7 @@ class Match:
     familiar: bool | None = None
     covered: BoolArray | None = None
     covered_probability: FloatArray | None = None
+    torn: BoolArray | None = None
     given: GivenMesh | None = None
     reference_given: GivenMesh | None = None
     scale: float | None = None
