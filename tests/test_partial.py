@@ -31,8 +31,8 @@ from skfmap.geometry.sphere import subdivided_octahedron
 from skfmap.partial import Cut, DiscCut, LimbCut, PlaneCut, ViewCut
 from skfmap.partial.consistency import hypotheses
 from skfmap.partial.laying import lay_on_part
-from skfmap.partial.scan import scan_of
-from skfmap.partial.sides import Sides
+from skfmap.partial.scan import Scan, scan_of
+from skfmap.partial.sides import Sides, mirror_image, turned_out
 from skfmap.persistence import load_model, save_model
 from skfmap.registration import Deformation
 
@@ -498,29 +498,49 @@ def test_a_kind_is_sided_if_nearly_all_of_many_parts_are_unlike_their_images():
     assert Sides.learned(scores, unlike).usual == pytest.approx(-6.0)
 
 
-def ribbon(mesh):
-    """Return a body as a flat ribbon that is turned about its axis, always to one side."""
-    x, y, z = (mesh.vertices * [1.5, 1.0, 0.35]).T
-    c, s = np.cos(1.5 * x), np.sin(1.5 * x)
-    return Mesh(np.column_stack([x, c * y - s * z, s * y + c * z]), mesh.faces, mesh.name)
+@pytest.mark.parametrize(
+    ("sided", "told"),
+    [
+        (True, ["right", "inside out", "mirrored", "negated"]),
+        (False, ["right", "inside out", "right", "inside out"]),
+    ],
+)
+def test_the_side_is_the_one_on_which_a_scan_fits_best(sided, told, scan, matcher, monkeypatch):
+    """Only sided kinds are compared with mirror images; others fit them as well."""
+    faces, first = scan.faces, scan.vertices[0, 0]
+
+    def score(_, one):
+        outwards = np.array_equal(one.faces, faces) == (one.vertices[0, 0] == first)
+        itself = one.vertices[0, 0] == first
+        return -4.0 - 8.0 * (not outwards) - 3.0 * (sided and not itself)
+
+    monkeypatch.setattr("skfmap.partial.sides.score_of", score)
+    right = Scan(scan.vertices, faces)
+    image = mirror_image(right)
+    ways = [right, turned_out(right), image, turned_out(image)]
+    sides = Sides(usual=-3.0, sided=sided)
+    assert [sides.of(matcher.body_, one) for one in ways] == told
+    assert {Sides(-20.0, sided).of(matcher.body_, one) for one in ways} == {"right"}
 
 
-def test_mirror_images_of_a_sided_kind_are_told(collection):
-    pipeline = make_pipeline(
-        skfmap.SpectralBasis(30),
-        skfmap.DescriptorTransformer(),
-        skfmap.WeightedFunctionalMapLearner(n_functions=15, confidence=None),
-    )
-    ribbons = [ribbon(mesh) for mesh in collection.meshes]
-    model = PartialMatcher(pipeline, cuts="planes", n_cuts=3, n_calibrated=3)
-    model.fit(ribbons[:5], collection.truths[:5])
-    assert model.sides_.sided
-    scan = PlaneCut(0.7, 0.7).cut(ribbons[5], np.random.default_rng(0))
-    image = Mesh(scan.vertices * [1, -1, 1], scan.faces[:, ::-1], "image")
-    with pytest.warns(OrientationWarning, match=r"As mirror images.*X\[1\] \('image'\)"):
-        right, mirrored = skfmap.match(model, [scan, image])
-    assert right.familiar
-    assert mirrored.familiar is False
+@pytest.mark.parametrize(
+    ("side", "message"),
+    [
+        ("mirrored", "As mirror images, these scans fit the training shapes better"),
+        ("negated", "An axis seems to be negated"),
+    ],
+)
+def test_mirror_images_are_told_and_not_familiar(side, message, matcher, scan):
+    class Always:
+        def of(self, body, scan):
+            return side
+
+    model = with_parameters(matcher)
+    model.sides_ = Always()
+    with pytest.warns(OrientationWarning, match=message) as told:
+        (found,) = skfmap.match(model, [scan])
+    assert len(told) == 1
+    assert found.familiar is False
 
 
 @pytest.fixture(scope="module")
