@@ -14,8 +14,7 @@ from skfmap.datasets import make_creatures
 from skfmap.exceptions import UnfamiliarShapeWarning
 from skfmap.geometry.geodesics import edge_path_distances
 from skfmap.partial.body import shared_regions
-from skfmap.partial.glue import lay_without_glue, torn_vertices, warn_of_tears, with_tears
-from skfmap.partial.scan import Scan
+from skfmap.partial.glue import torn_vertices, warn_of_tears, with_tears
 from skfmap.partial.tears import faces_with_edges, sizes_of_tears, without_islands
 
 N_LONG, N_WIDE, STEP = 41, 11, 0.05
@@ -180,27 +179,3 @@ def test_what_lies_on_a_tear_is_told_and_not_trusted(matcher, creatures):
     np.testing.assert_array_equal(told.expected_error[same], match.expected_error[same])
     with pytest.warns(UnfamiliarShapeWarning, match=f"{told.torn.sum()} vertices"):
         warn_of_tears({0: told})
-
-
-def test_a_cut_is_kept_only_where_the_reference_lies_better(glued, regions):
-    vertices, faces, torn = glued
-
-    class Laid:
-        def __init__(self, scan, off):
-            self.p2p, self.off, self.strain = scan.own, off, 0.0
-
-    class Body:
-        def __init__(self, offs):
-            self.regions, self.offs, self.seen = regions, list(offs), []
-
-        def lay(self, scan):
-            object.__setattr__(scan, "own", np.arange(len(scan.vertices)))
-            self.seen.append(scan)
-            return Laid(scan, self.offs.pop(0))
-
-    for offs, kept in (((0.2, 0.1), 1), ((0.1, 0.2), 0)):
-        body = Body(offs)
-        scan, _ = lay_without_glue(body, Scan(vertices, faces))
-        assert scan is body.seen[kept]
-        bridge = torn[faces].all(axis=1)
-        assert len(body.seen[1].faces) == len(faces) - bridge.sum()

@@ -9,12 +9,10 @@ from skfmap._tools.types import BoolArray, FloatArray, IntArray
 from skfmap._tools.warn import warn
 from skfmap.exceptions import UnfamiliarShapeWarning
 from skfmap.functional.neighbours import nearest
-from skfmap.geometry.cutting import keep_faces, without_crumbs
 from skfmap.geometry.faults import edges_of, sound_faces
 from skfmap.io import MeshLike
 from skfmap.partial.answers import Knowledge, Part, arrays_of
-from skfmap.partial.body import Body, LaidOnPart, Regions
-from skfmap.partial.scan import Scan
+from skfmap.partial.body import Regions
 from skfmap.partial.tears import (
     faces_with_edges,
     sizes_of_tears,
@@ -26,7 +24,6 @@ from skfmap.shapes.usable import describe
 
 __all__ = [
     "better_of",
-    "lay_without_glue",
     "share_torn",
     "tears",
     "tears_of_wholes",
@@ -41,8 +38,6 @@ _STRETCH, _APART = 2.0, 0.2
 # Vertices that would have to move to mend a tear: fewer are noise. Islands of wrong answers below
 # this share of the area are too, and so are tears that cover less than that.
 _LEAST, _ISLAND, _LEAST_AREA = 4.0, 0.005, 0.002
-# Pieces that a cut leaves are not looked at below this share of the area.
-_CRUMB = 0.005
 
 
 def torn_vertices(
@@ -84,34 +79,6 @@ def share_torn(vertices: FloatArray, faces: IntArray, torn: BoolArray) -> float:
     """Return the share of the area of the faces whose corners are all torn."""
     areas = _areas(vertices, faces)
     return float(areas[torn[faces].all(axis=1)].sum() / areas.sum())
-
-
-def lay_without_glue(body: Body, scan: Scan) -> tuple[Scan, LaidOnPart]:
-    """Return the reference laid onto a scan, and the scan, cut where parts of it are glued.
-
-    Where the map tears the scan is cut, and the reference is laid anew: ways along the scan do not
-    lead over the glue then. What lies worse, or tears more, is not kept.
-
-    Parameters
-    ----------
-    body : Body
-        The reference.
-    scan : Scan
-        The scan.
-    """
-    laid = body.lay(scan)
-    torn = torn_vertices(body.regions, scan.vertices, scan.faces, laid.p2p)
-    if not torn.any():
-        return scan, laid
-    cut = _cut(scan, torn)
-    again = body.lay(cut)
-    still = torn_vertices(body.regions, cut.vertices, cut.faces, again.p2p)
-    is_better = again.off + again.strain < laid.off + laid.strain
-    if is_better and share_torn(cut.vertices, cut.faces, still) <= share_torn(
-        scan.vertices, scan.faces, torn
-    ):
-        return cut, again
-    return scan, laid
 
 
 def with_tears(
@@ -252,15 +219,6 @@ def _ways_across(
     for end in edges.T:
         np.maximum.at(across, end, ways)
     return np.where(torn, across, 0.0)
-
-
-def _cut(scan: Scan, torn: BoolArray) -> Scan:
-    """Return a scan without the faces that tears run through."""
-    kept = np.logical_not(torn[scan.faces].all(axis=1)).astype(bool)
-    left = keep_faces(scan.vertices, scan.faces, np.asarray(kept))
-    least = _CRUMB * float(_areas(*left).sum())
-    vertices, faces = without_crumbs(*left, least)
-    return Scan(np.ascontiguousarray(vertices), np.ascontiguousarray(faces, dtype=np.int64))
 
 
 def _on_working(known: Knowledge) -> IntArray:
