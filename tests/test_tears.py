@@ -177,5 +177,18 @@ def test_what_lies_on_a_tear_is_told_and_not_trusted(matcher, creatures):
     assert (told.expected_error[told.torn] > way / 2 - 0.1).all()
     same = ~told.torn
     np.testing.assert_array_equal(told.expected_error[same], match.expected_error[same])
+    blank = np.flatnonzero(told.torn)[:1]
+    blank = np.append(blank, np.flatnonzero(same)[:1])
+    unknown = np.isin(np.arange(len(p2p)), blank)
+    without = replace(
+        match,
+        p2p=np.where(unknown, -1, p2p),
+        expected_error=np.where(unknown, np.nan, match.expected_error),
+        confidence=np.where(unknown, np.nan, match.confidence),
+    )
+    still = with_tears(known, scan.vertices, scan.faces, matcher.unit_, without)
+    assert still.torn.any()
+    assert np.array_equal(np.isnan(still.expected_error), np.isnan(without.expected_error))
+    assert np.array_equal(np.isnan(still.confidence), np.isnan(without.confidence))
     with pytest.warns(UnfamiliarShapeWarning, match=f"{told.torn.sum()} vertices"):
         warn_of_tears({0: told})

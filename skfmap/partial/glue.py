@@ -112,8 +112,8 @@ def with_tears(
     across = _ways_across(known.body.regions, faces, answers, torn)
     return replace(
         match,
-        expected_error=np.fmax(match.expected_error, across / 2),
-        confidence=np.where(torn, np.fmin(match.confidence, 0.5), match.confidence),
+        expected_error=np.maximum(match.expected_error, across / 2),  # NaN without a match stays
+        confidence=np.where(torn, np.minimum(match.confidence, 0.5), match.confidence),
     )
 
 
@@ -162,7 +162,8 @@ def better_of(
     return {
         i: match
         for i, match in laid.items()
-        if known.trust.is_familiar(parts[i].laid)
+        if parts[i].is_itself
+        and known.trust.is_familiar(parts[i].laid)
         and _share(parts[i], match) < _share(parts[i], whole[i])
     }
 
