@@ -14,7 +14,7 @@ from skfmap.datasets import make_creatures
 from skfmap.exceptions import UnfamiliarShapeWarning
 from skfmap.geometry.geodesics import edge_path_distances
 from skfmap.partial.body import shared_regions
-from skfmap.partial.glue import torn_vertices, warn_of_tears, with_tears
+from skfmap.partial.glue import tears_of_wholes, torn_vertices, warn_of_tears, with_tears
 from skfmap.partial.tears import faces_with_edges, sizes_of_tears, without_islands
 
 N_LONG, N_WIDE, STEP = 41, 11, 0.05
@@ -157,6 +157,19 @@ def test_sound_whole_shapes_are_answered_as_before_and_do_not_tear(matcher, crea
         assert len(one.torn) == len(one.p2p)
         assert other.torn is None
         assert np.array_equal(one.p2p, other.p2p)
+
+
+def test_units_of_whole_shapes_do_not_matter_for_tears(matcher, creatures):
+    mesh, known = creatures.meshes[4], matcher._knowledge()
+    (match,) = skfmap.match(matcher.estimator_, [mesh])
+    i, across = np.arange(mesh.n_vertices), mesh.vertices[:, 0] < np.median(mesh.vertices[:, 0])
+    wrong = replace(match, p2p=np.where(across, match.p2p[0], match.p2p[i[::-1]]))
+    told = {}
+    for scale in (1.0, 1000.0):
+        larger = skfmap.Mesh(scale * mesh.vertices, mesh.faces)
+        told[scale] = tears_of_wholes(known, [larger], {0: wrong})
+        assert told[scale][1] == [0]
+    assert np.array_equal(told[1.0][0][0].torn, told[1000.0][0][0].torn)
 
 
 def test_what_lies_on_a_tear_is_told_and_not_trusted(matcher, creatures):

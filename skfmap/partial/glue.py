@@ -8,7 +8,6 @@ import numpy as np
 from skfmap._tools.types import BoolArray, FloatArray, IntArray
 from skfmap._tools.warn import warn
 from skfmap.exceptions import UnfamiliarShapeWarning
-from skfmap.functional.neighbours import nearest
 from skfmap.geometry.faults import edges_of, sound_faces
 from skfmap.io import MeshLike
 from skfmap.partial.answers import Knowledge, Part, arrays_of
@@ -100,8 +99,8 @@ def with_tears(
         Of the scan.
     """
     faces, scaled = faces[sound_faces(vertices, faces)], vertices / unit
-    working = _on_working(known)
-    answers = np.where(match.p2p >= 0, working[match.p2p], -1)
+    working = known.learner.reference_.spectral.working_vertices(match.p2p)
+    answers = np.where(match.p2p >= 0, working, -1)
     torn = torn_vertices(known.body.regions, scaled, faces, answers)
     match = replace(match, torn=torn)
     if not torn.any():
@@ -123,25 +122,25 @@ def tears(match: Match) -> bool:
 
 
 def tears_of_wholes(
-    known: Knowledge, items: Sequence[MeshLike], unit: float, found: dict[int, Match]
+    known: Knowledge, items: Sequence[MeshLike], found: dict[int, Match]
 ) -> tuple[dict[int, Match], list[int]]:
     """Return matches of whole shapes that tell where they tear, and the indices of those that do.
 
     Parameters
     ----------
-    known, unit : Knowledge, float
-        As in `with_tears`.
+    known : Knowledge
+        What was learned.
     items : sequence of meshes
-        All that were given.
+        All that were given, in any units: whole shapes are compared at unit area.
     found : dict of int to Match
         Matches, by indices.
     """
-    told = {
-        i: with_tears(known, *arrays_of(items[i], i), unit, match)
-        if (match.p2p >= 0).any()
-        else match
-        for i, match in found.items()
-    }
+    told = dict(found)
+    for i, match in found.items():
+        if (match.p2p >= 0).any():
+            vertices, faces = arrays_of(items[i], i)
+            area = _areas(vertices, faces[sound_faces(vertices, faces)]).sum()
+            told[i] = with_tears(known, vertices, faces, float(np.sqrt(area)), match)
     return told, [i for i, match in told.items() if tears(match)]
 
 
@@ -220,15 +219,6 @@ def _ways_across(
     for end in edges.T:
         np.maximum.at(across, end, ways)
     return np.where(torn, across, 0.0)
-
-
-def _on_working(known: Knowledge) -> IntArray:
-    """Return the working vertex of the reference that each given one is nearest to."""
-    regions = known.body.regions
-    if known.target.is_working:
-        return np.arange(len(regions.vertices))
-    unit = np.sqrt(known.learner.reference_.spectral.area)
-    return nearest(np.nan_to_num(known.target.arrays[0]) / unit, regions.vertices)
 
 
 def _areas(vertices: FloatArray, faces: IntArray) -> FloatArray:
