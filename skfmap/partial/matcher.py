@@ -43,7 +43,6 @@ from skfmap.partial.between import (
 from skfmap.partial.cuts import Cut, make_cuts
 from skfmap.partial.glue import (
     better_of,
-    lay_without_glue,
     tears_of_wholes,
     warn_of_tears,
     with_tears,
@@ -661,7 +660,7 @@ class PartialMatcher(Versioned, BaseEstimator):
     def _mended(self, items: Sequence[MeshLike], found: dict[int, Match]) -> dict[int, Match]:
         """Return matches of whole shapes; of those that tear, as of parts if these tear less."""
         known = self._knowledge()
-        told, torn = tears_of_wholes(known, items, self.unit_, found)
+        told, torn = tears_of_wholes(known, items, found)
         if torn:
             parts = self._laid(items, torn)
             told.update(better_of(known, told, self._matched(items, parts), parts))
@@ -776,5 +775,4 @@ def _lay(matcher: PartialMatcher, item: MeshLike, i: int) -> Part:
         side = matcher.sides_.of(body, scan) if turn == 1 else "inside out"
         if side != "inside out":
             break
-    scan, laid = lay_without_glue(body, scan)
-    return Part(vertices / unit, faces, scan, laid, unit, side, scale)
+    return Part(vertices / unit, faces, scan, body.lay(scan), unit, side, scale)
