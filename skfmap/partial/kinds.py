@@ -1,14 +1,19 @@
 """Whether a mesh shows a whole shape or a part of one, by its rim and its area."""
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
 
 from skfmap._tools.types import FloatArray, IntArray
+from skfmap.exceptions import MeshError
 from skfmap.geometry.faults import sound_faces
+from skfmap.io import MeshLike, n_vertices_of, named
+from skfmap.partial.answers import arrays_of
 from skfmap.partial.scan import area_and_rim
+from skfmap.shapes.skipped_shape import SetAside
 
-__all__ = ["TrainingSizes"]
+__all__ = ["TrainingSizes", "kinds_of", "only", "rows_of"]
 
 # A mesh is whole whose rim is no longer than that of training shapes by this, in sqrt of its area.
 _RIM = 0.1
@@ -56,6 +61,30 @@ class TrainingSizes(NamedTuple):
         if share < _TOO_SMALL:
             told = f"it has {100 * share:.2g} % of their area, too little to say where it belongs"
         return told + _told_of_units(share)
+
+
+def kinds_of(items: Sequence[MeshLike], sizes: TrainingSizes, *, any_units: bool) -> list[str]:
+    """Return "whole" or "part" for each mesh, or why it cannot be matched."""
+    kinds = []
+    for i, item in enumerate(items):
+        try:
+            kinds.append(sizes.kind(*arrays_of(item, i), any_units=any_units))
+        except (MeshError, OSError):
+            kinds.append("whole")  # the pipeline reports what is wrong with it
+    return kinds
+
+
+def rows_of(kinds: Sequence[str], kind: str) -> list[int]:
+    """Return the indices of the meshes of one kind."""
+    return [i for i, one in enumerate(kinds) if one == kind]
+
+
+def only(items: Sequence[MeshLike], kinds: Sequence[str], kind: str) -> list[MeshLike]:
+    """Return the meshes with those of other kinds set aside, so that all keep their indices."""
+    return [
+        item if one == kind else SetAside(named(item, i), "", n_vertices_of(item))
+        for i, (item, one) in enumerate(zip(items, kinds, strict=True))
+    ]
 
 
 def _told_of_units(share: float) -> str:

@@ -16,10 +16,8 @@ from skfmap._tools.types import DistanceMethod, FloatArray, Interpolation, Refin
 from skfmap._tools.unwrap import learner_and_shapes
 from skfmap._tools.validation import check_choice, check_number, check_sample_weight
 from skfmap._version import Versioned
-from skfmap.basis import SpectralBasis
-from skfmap.exceptions import MeshError
-from skfmap.io import MeshLike, check_meshes, n_vertices_of, named
-from skfmap.learner import BridgedLearner, WeightedFunctionalMapLearner, models
+from skfmap.io import MeshLike, check_meshes, named
+from skfmap.learner import models
 from skfmap.learner.between import check_wanted
 from skfmap.learner.given_answers import given_reference
 from skfmap.learner.new_shape import INTERPOLATIONS
@@ -43,31 +41,29 @@ from skfmap.partial.between import (
 from skfmap.partial.cuts import Cut, make_cuts
 from skfmap.partial.glue import (
     better_of,
-    lay_without_glue,
     tears_of_wholes,
     warn_of_tears,
     with_tears,
 )
-from skfmap.partial.kinds import TrainingSizes
+from skfmap.partial.kinds import TrainingSizes, kinds_of, only, rows_of
 from skfmap.partial.laid_out import (
     landmarks_on_part,
     no_landmarks,
     not_registered,
     registered_on_part,
 )
+from skfmap.partial.laid_parts import WaysToLay, laid_part
 from skfmap.partial.learning import learned_from
-from skfmap.partial.scale import scale_of
-from skfmap.partial.scan import scan_of
+from skfmap.partial.parameters import check_estimator, learner_of
 from skfmap.partial.scoring import (
     PartScorer,
     ScoredErrors,
     as_correspondence,
     parts_to_score,
 )
-from skfmap.partial.warned import warn_of_few, warn_of_sides, warn_of_size, warn_of_strange
+from skfmap.partial.warned import warn_of_few, warn_of_parts
 from skfmap.refinement import Refinement
 from skfmap.shapes import Correspondence, Landmarks, Match, Registered
-from skfmap.shapes.skipped_shape import SetAside
 from skfmap.shapes.usable import Answer
 
 __all__ = ["PartialMatcher"]
@@ -200,7 +196,7 @@ class PartialMatcher(Versioned, BaseEstimator):
         self._tell("fitting the pipeline to whole shapes")
         shapes = pipeline[:-1].fit_transform(X, y)
         pipeline[-1].fit(shapes, y, sample_weight)
-        learner = _learner_of(pipeline)
+        learner = learner_of(pipeline)
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # the learner has told it
             training = learner._training_set(shapes, y, sample_weight)
@@ -263,24 +259,24 @@ class PartialMatcher(Versioned, BaseEstimator):
         check_is_fitted(self)
         items = check_meshes(X)
         check_choice(interpolate, "interpolate", INTERPOLATIONS)
-        changed(_learner_of(self.estimator_).matcher_, refine=refine)  # raises also without wholes
+        changed(learner_of(self.estimator_).matcher_, refine=refine)  # raises also without wholes
         kinds = self._kinds(items)
         found: dict[int, Match] = {}
         if "whole" in kinds:
             answers = models.match(
                 self.estimator_,
-                _only(items, kinds, "whole"),
+                only(items, kinds, "whole"),
                 refine=refine,
                 interpolate=interpolate,
             )
-            rows = _rows(kinds, "whole")
+            rows = rows_of(kinds, "whole")
             found.update(self._mended(items, {i: all_covered(answers[i]) for i in rows}))
-        parts = self._laid(items, _rows(kinds, "part"))
+        parts = self._laid(items, rows_of(kinds, "part"))
         found.update(self._matched(items, parts))
         for i in range(len(items)):
             if i not in found:
                 found[i] = self._nothing(items[i], i)
-        self._warn(items, kinds, parts)
+        warn_of_parts(items, kinds, parts, self.trust_)
         warn_of_tears(found)
         return [found[i] for i in range(len(items))]
 
@@ -326,14 +322,14 @@ class PartialMatcher(Versioned, BaseEstimator):
         whole = [pair for pair in wanted if all(kinds[i] == "whole" for i in pair)]
         done: dict[tuple[int, int], Match] = {}
         if whole:
-            among = _only(items, kinds, "whole")
+            among = only(items, kinds, "whole")
             answers = models.match_between(self.estimator_, among, whole)
             done.update(zip(whole, map(all_covered, answers), strict=True))
         mixed = [pair for pair in wanted if pair not in done]
         matches, on_reference = self._on_reference(
             items, kinds, {i for pair in mixed for i in pair}, {i for pair in whole for i in pair}
         )
-        learner = _learner_of(self.estimator_)
+        learner = learner_of(self.estimator_)
         for i, j in mixed:
             if i in on_reference and j in on_reference:
                 done[i, j] = between_parts(on_reference[i], on_reference[j])
@@ -373,12 +369,12 @@ class PartialMatcher(Versioned, BaseEstimator):
         kinds = self._kinds(items)
         found: dict[int, Registered] = {}
         if "whole" in kinds:
-            answers = models.register(self.estimator_, _only(items, kinds, "whole"))
-            found.update((i, answers[i]) for i in _rows(kinds, "whole"))
-        parts, known = self._laid(items, _rows(kinds, "part")), self._knowledge()
+            answers = models.register(self.estimator_, only(items, kinds, "whole"))
+            found.update((i, answers[i]) for i in rows_of(kinds, "whole"))
+        parts, known = self._laid(items, rows_of(kinds, "part")), self._knowledge()
         for i, part in parts.items():
             found[i] = registered_on_part(known, part, named(items[i], i))
-        self._warn(items, kinds, parts)
+        warn_of_parts(items, kinds, parts, self.trust_)
         return [
             found[i] if i in found else not_registered(known, named(item, i))
             for i, item in enumerate(items)
@@ -420,18 +416,18 @@ class PartialMatcher(Versioned, BaseEstimator):
         # Also without whole ones: it checks what is asked.
         found = models.predict_landmarks(
             self.estimator_,
-            _only(items, kinds, "whole"),
+            only(items, kinds, "whole"),
             coverage=coverage,
             on_surface=on_surface,
         )
-        parts, known = self._laid(items, _rows(kinds, "part")), self._knowledge()
+        parts, known = self._laid(items, rows_of(kinds, "part")), self._knowledge()
         for i, kind in enumerate(kinds):
             name = named(items[i], i)
             if i in parts:
                 found[i] = landmarks_on_part(known, parts[i], name, on_surface=on_surface)
             elif kind != "whole":
                 found[i] = no_landmarks(known, name)
-        self._warn(items, kinds, parts)
+        warn_of_parts(items, kinds, parts, self.trust_)
         return found
 
     def functional_maps(self, X: Sequence[MeshLike]) -> FloatArray:
@@ -496,15 +492,15 @@ class PartialMatcher(Versioned, BaseEstimator):
         kinds = self._kinds(items)
         found: dict[int, PairErrors] = {}
         if "whole" in kinds:
-            wholes = _only(items, kinds, "whole")
+            wholes = only(items, kinds, "whole")
             how: dict[str, Any] = {"method": method, "reference_y": reference_y}
             learner, shapes = learner_and_shapes(self.estimator_, wholes)
             errors = learner.pair_errors(shapes, y, **how)
-            found.update((i, errors[i]) for i in _rows(kinds, "whole"))
-        parts = self._laid(items, _rows(kinds, "part"))
+            found.update((i, errors[i]) for i in rows_of(kinds, "whole"))
+        parts = self._laid(items, rows_of(kinds, "part"))
         matches = self._matched(items, parts)
-        self._warn(items, kinds, parts)
-        scorer = PartScorer(_learner_of(self.estimator_), method, reference_y)
+        warn_of_parts(items, kinds, parts, self.trust_)
+        scorer = PartScorer(learner_of(self.estimator_), method, reference_y)
         for i, item in enumerate(items):
             if i not in found:
                 match = matches[i] if i in matches else self._nothing(item, i)
@@ -536,7 +532,7 @@ class PartialMatcher(Versioned, BaseEstimator):
         errors = self.pair_errors(X, y, method=method, reference_y=reference_y)
         items, truths = self._checked_pairs(X, y)
         cuts, parts, owners = make_cuts(self.cuts), [], []
-        for i in _rows(self._kinds(items), "whole"):
+        for i in rows_of(self._kinds(items), "whole"):
             if not errors[i].weights.any():
                 continue
             given = arrays_of(items[i], i)
@@ -596,22 +592,7 @@ class PartialMatcher(Versioned, BaseEstimator):
         return items, [as_correspondence(one) for one in y]
 
     def _check_parameters(self) -> list[Cut]:
-        if not isinstance(self.estimator, Pipeline) or len(self.estimator) < 2:
-            raise TypeError(
-                "estimator must be a Pipeline from meshes to a learner, make_pipeline("
-                "SpectralBasis(), DescriptorTransformer(), WeightedFunctionalMapLearner()); got "
-                f"{type(self.estimator).__name__}."
-            )
-        if not isinstance(self.estimator[-1], (WeightedFunctionalMapLearner, BridgedLearner)):
-            raise TypeError(
-                "the last step of estimator must be a WeightedFunctionalMapLearner or a "
-                f"BridgedLearner; got {type(self.estimator[-1]).__name__}."
-            )
-        if not isinstance(self.estimator[0], SpectralBasis):
-            raise TypeError(
-                "the first step of estimator must be a SpectralBasis, which says how fine scans "
-                f"may be; got {type(self.estimator[0]).__name__}."
-            )
+        check_estimator(self.estimator)
         check_number(self.n_cuts, "n_cuts", low=1, integer=True)
         check_number(self.n_calibrated, "n_calibrated", low=1, high=self.n_cuts, integer=True)
         check_choice(self.scale, "scale", ("known", "estimated"))
@@ -621,16 +602,10 @@ class PartialMatcher(Versioned, BaseEstimator):
     def _kinds(self, items: Sequence[MeshLike]) -> list[str]:
         """Return "whole" or "part" for each mesh, or why nothing can be said of it."""
         sizes = TrainingSizes(self.unit_, self.areas_, self.rims_)
-        kinds = []
-        for i, item in enumerate(items):
-            try:
-                kinds.append(sizes.kind(*arrays_of(item, i), any_units=self.scale == "estimated"))
-            except (MeshError, OSError):
-                kinds.append("whole")  # what is to be done about it is the pipeline's to say
-        return kinds
+        return kinds_of(items, sizes, any_units=self.scale == "estimated")
 
     def _knowledge(self) -> Knowledge:
-        learner = _learner_of(self.estimator_)
+        learner = learner_of(self.estimator_)
         target = given_reference(learner.reference_)
         if not target.is_working:
             # Points of scans lie between the vertices of the given reference, which is opened
@@ -640,9 +615,18 @@ class PartialMatcher(Versioned, BaseEstimator):
 
     def _laid(self, items: Sequence[MeshLike], rows: Sequence[int]) -> dict[int, Part]:
         """Return the reference laid onto some of the meshes, by their indices."""
+        learned = WaysToLay(
+            self.body_,
+            self.trust_,
+            self.sides_,
+            self.unit_,
+            self.areas_,
+            estimates_scale=self.scale == "estimated",
+            max_vertices=self.estimator_[0].max_vertices,
+        )
         laid = map_shapes(
-            _lay,
-            ((self, items[i], i) for i in rows),
+            laid_part,
+            ((learned, *arrays_of(items[i], i)) for i in rows),
             n_jobs=self.n_jobs,
             verbose=self.verbose,
             prefer="threads",
@@ -679,7 +663,7 @@ class PartialMatcher(Versioned, BaseEstimator):
         for i in sorted(wanted):
             if kinds[i] not in ("whole", "part"):
                 matches[i] = self._nothing(items[i], i)
-        parts = self._laid(items, _rows(kinds, "part"))
+        parts = self._laid(items, rows_of(kinds, "part"))
         known = self._knowledge()
         for i, match in self._matched(items, parts).items():
             matches[i], on_reference[i] = match, part_on_reference(known, parts[i], match)
@@ -688,7 +672,7 @@ class PartialMatcher(Versioned, BaseEstimator):
             if (match.p2p >= 0).any():
                 vertices, faces = arrays_of(items[i], i)
                 on_reference[i] = whole_on_reference(vertices, faces, match)
-        self._warn(items, kinds, parts)
+        warn_of_parts(items, kinds, parts, self.trust_)
         warn_of_tears(matches)
         return matches, on_reference
 
@@ -699,40 +683,22 @@ class PartialMatcher(Versioned, BaseEstimator):
         found: dict[int, Match] = {}
         for silent in (False, True):
             now = [kind if (i in told) == silent else "" for i, kind in enumerate(kinds)]
-            rows = _rows(now, "whole")
+            rows = rows_of(now, "whole")
             if not rows:
                 continue
             with warnings.catch_warnings():
                 if silent:
                     warnings.simplefilter("ignore")
                 matches = models.match(
-                    self.estimator_, _only(items, now, "whole"), interpolate="barycentric"
+                    self.estimator_, only(items, now, "whole"), interpolate="barycentric"
                 )
             found.update((i, all_covered(matches[i])) for i in rows)
         return found
 
     def _nothing(self, item: MeshLike, i: int) -> Match:
-        learner = _learner_of(self.estimator_)
+        learner = learner_of(self.estimator_)
         nothing = nothing_said(learner, item, i)
         return with_meshes(nothing, item, i, learner.reference_.spectral)
-
-    def _warn(
-        self, items: Sequence[MeshLike], kinds: Sequence[str], parts: dict[int, Part]
-    ) -> None:
-        """Say what a person should know of all that are not whole."""
-        names = [named(item, i) for i, item in enumerate(items)]
-        called = [
-            f"X[{i}]" if name is None else f"X[{i}] ({name!r})" for i, name in enumerate(names)
-        ]
-        warn_of_size(called, kinds)
-        warn_of_sides([called[i] for i in parts], [part.side for part in parts.values()])
-        warn_of_strange(
-            [
-                called[i]
-                for i, part in parts.items()
-                if part.is_itself and not self.trust_.is_familiar(part.laid)
-            ]
-        )
 
     def _tell(self, message: str) -> None:
         if self.verbose:
@@ -741,40 +707,3 @@ class PartialMatcher(Versioned, BaseEstimator):
     def __sklearn_tags__(self) -> Tags:
         """Return the tags of the pipeline."""
         return get_tags(self.estimator)
-
-
-def _learner_of(pipeline: Pipeline) -> Any:
-    """Return the learner at the end of a pipeline; that of a bridged one."""
-    last = pipeline[-1]
-    return last.estimator_ if isinstance(last, BridgedLearner) else last
-
-
-def _rows(kinds: Sequence[str], kind: str) -> list[int]:
-    return [i for i, one in enumerate(kinds) if one == kind]
-
-
-def _only(items: Sequence[MeshLike], kinds: Sequence[str], kind: str) -> list[MeshLike]:
-    """Return the meshes with those of other kinds set aside: all keep their indices."""
-    return [
-        item if one == kind else SetAside(named(item, i), "", n_vertices_of(item))
-        for i, (item, one) in enumerate(zip(items, kinds, strict=True))
-    ]
-
-
-def _lay(matcher: PartialMatcher, item: MeshLike, i: int) -> Part:
-    """Return the reference laid onto a part."""
-    vertices, faces = arrays_of(item, i)
-    body, max_vertices = matcher.body_, matcher.estimator_[0].max_vertices
-    unit, scale = matcher.unit_, None
-    for turn in (1, -1):  # the other way round if the faces are inside out
-        faces = faces[:, ::turn]
-        if matcher.scale == "estimated":
-            area = float(np.median(matcher.areas_))
-            unit = 1 / scale_of(vertices, faces, body, matcher.trust_, area)
-            scale = matcher.unit_ / unit
-        scan = scan_of(vertices, faces, unit, max_vertices)
-        side = matcher.sides_.of(body, scan) if turn == 1 else "inside out"
-        if side != "inside out":
-            break
-    scan, laid = lay_without_glue(body, scan)
-    return Part(vertices / unit, faces, scan, laid, unit, side, scale)

@@ -9,8 +9,11 @@ from skfmap.exceptions import (
     StabilityWarning,
     UnfamiliarShapeWarning,
 )
+from skfmap.io import MeshLike, named
+from skfmap.partial.answers import Part
+from skfmap.partial.trust import PartTrust
 
-__all__ = ["warn_of_few", "warn_of_sides", "warn_of_size", "warn_of_strange"]
+__all__ = ["warn_of_few", "warn_of_parts"]
 
 
 # Shapes beside the reference that are few.
@@ -28,7 +31,36 @@ def warn_of_few(n_others: int) -> None:
         )
 
 
-def warn_of_size(called: Sequence[str], kinds: Sequence[str]) -> None:
+def warn_of_parts(
+    items: Sequence[MeshLike], kinds: Sequence[str], parts: dict[int, Part], trust: PartTrust
+) -> None:
+    """Warn of scans that were not matched, or whose matches should not be relied on.
+
+    Parameters
+    ----------
+    items : sequence of meshes
+        All scans that were given.
+    kinds : sequence of str
+        "whole", "part", an empty string, or why a scan was not matched.
+    parts : dict of int to Part
+        The scans that were matched as parts, by index.
+    trust : PartTrust
+        What decides whether a part is familiar.
+    """
+    names = [named(item, i) for i, item in enumerate(items)]
+    called = [f"X[{i}]" if name is None else f"X[{i}] ({name!r})" for i, name in enumerate(names)]
+    _warn_of_size(called, kinds)
+    _warn_of_sides([called[i] for i in parts], [part.side for part in parts.values()])
+    _warn_of_strange(
+        [
+            called[i]
+            for i, part in parts.items()
+            if part.is_itself and not trust.is_familiar(part.laid)
+        ]
+    )
+
+
+def _warn_of_size(called: Sequence[str], kinds: Sequence[str]) -> None:
     """Name the scans of which nothing can be said, and why.
 
     Parameters
@@ -49,7 +81,7 @@ def warn_of_size(called: Sequence[str], kinds: Sequence[str]) -> None:
         )
 
 
-def warn_of_strange(called: Sequence[str]) -> None:
+def _warn_of_strange(called: Sequence[str]) -> None:
     """Name the scans that the reference does not lie on as on parts of training shapes."""
     if called:
         warn(
@@ -75,7 +107,7 @@ _SIDES = {
 }
 
 
-def warn_of_sides(called: Sequence[str], sides: Sequence[str]) -> None:
+def _warn_of_sides(called: Sequence[str], sides: Sequence[str]) -> None:
     """Name the scans that are inside out or mirrored.
 
     Parameters
