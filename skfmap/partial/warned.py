@@ -24,9 +24,9 @@ def warn_of_few(n_others: int) -> None:
     """Warn if hardly any shapes remain to learn from when one is left out."""
     if n_others <= _FEW:
         warn(
-            f"PartialMatcher learned from {n_others} shapes besides the reference. When one is left "
-            "out, only the other one shows how bodies deform, so expected errors and the limits "
-            "of what is familiar are coarse. Give at least five shapes, or better ten.",
+            f"PartialMatcher learned from {n_others} shapes besides the reference. When one is "
+            "left out, only the other one shows how bodies deform, so expected errors and the "
+            "limits of what is familiar are coarse. Give at least five shapes, or better ten.",
             StabilityWarning,
         )
 
