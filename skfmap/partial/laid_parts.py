@@ -62,5 +62,4 @@ def laid_part(ways: WaysToLay, vertices: FloatArray, faces: IntArray) -> Part:
         side = ways.sides.of(ways.body, scan) if turn == 1 else "inside out"
         if side != "inside out":
             break
-
     return Part(vertices / unit, faces, scan, ways.body.lay(scan), unit, side, scale)
