@@ -273,7 +273,7 @@ class PartialMatcher(Versioned, BaseEstimator):
                 interpolate=interpolate,
             )
             rows = _rows(kinds, "whole")
-            found.update(self._mended(items, {i: all_covered(answers[i]) for i in rows}))
+            found.update(self._mended(items, {i: all_covered(answers[i]) for i in rows})[0])
         parts = self._laid(items, _rows(kinds, "part"))
         found.update(self._matched(items, parts))
         for i in range(len(items)):
@@ -303,7 +303,8 @@ class PartialMatcher(Versioned, BaseEstimator):
             vertices of ``X[i]`` to vertices of ``X[j]``, and is -1 at those that ``X[j]`` does not
             show; ``covered`` and ``covered_probability`` tell which vertices of ``X[j]`` the scan
             ``X[i]`` shows, and ``inverse`` where these lie on it, -1 elsewhere. Pairs of whole
-            shapes are the pipeline's; others have no functional map, and its entries are NaN.
+            shapes are the pipeline's, in which tears are not looked for; others have no functional
+            map, and its entries are NaN. Their ``torn`` is that of ``X[i]`` on the reference.
             ``expected_error`` combines those of both ways to the reference, in units of sqrt(area)
             of the *reference of the model*; None if one of the two is whole and the pipeline
             calibrates no errors.
@@ -657,14 +658,15 @@ class PartialMatcher(Versioned, BaseEstimator):
             found[i] = with_meshes(match, items[i], i, known.learner.reference_.spectral)
         return found
 
-    def _mended(self, items: Sequence[MeshLike], found: dict[int, Match]) -> dict[int, Match]:
-        """Return matches of whole shapes; of those that tear, as of parts if these tear less."""
+    def _mended(
+        self, items: Sequence[MeshLike], found: dict[int, Match]
+    ) -> tuple[dict[int, Match], dict[int, Part]]:
+        """Return matches of whole shapes; those that tear less as parts are, with these parts."""
         known = self._knowledge()
         told, torn = tears_of_wholes(known, items, found)
-        if torn:
-            parts = self._laid(items, torn)
-            told.update(better_of(known, told, self._matched(items, parts), parts))
-        return told
+        parts = self._laid(items, torn)
+        better = better_of(known, told, self._matched(items, parts), parts)
+        return told | better, {i: parts[i] for i in better}
 
     def _on_reference(
         self, items: Sequence[MeshLike], kinds: Sequence[str], wanted: set[int], told: set[int]
@@ -674,17 +676,19 @@ class PartialMatcher(Versioned, BaseEstimator):
         Of the wanted meshes alone, and without warnings of whole ones that were ``told``.
         """
         kinds = [kind if i in wanted else "" for i, kind in enumerate(kinds)]
-        matches, on_reference = {}, {}
+        matches: dict[int, Match] = {}
+        on_reference: dict[int, OnReference] = {}
         for i in sorted(wanted):
             if kinds[i] not in ("whole", "part"):
                 matches[i] = self._nothing(items[i], i)
         parts = self._laid(items, _rows(kinds, "part"))
         known = self._knowledge()
-        for i, match in self._matched(items, parts).items():
-            matches[i], on_reference[i] = match, part_on_reference(known, parts[i], match)
-        for i, match in self._whole_on_places(items, kinds, told).items():
-            matches[i] = match
-            if (match.p2p >= 0).any():
+        wholes, mended = self._mended(items, self._whole_on_places(items, kinds, told))
+        matches |= self._matched(items, parts) | wholes
+        for i, part in (parts | mended).items():
+            on_reference[i] = part_on_reference(known, part, matches[i])
+        for i, match in wholes.items():
+            if i not in mended and (match.p2p >= 0).any():
                 vertices, faces = arrays_of(items[i], i)
                 on_reference[i] = whole_on_reference(vertices, faces, match)
         self._warn(items, kinds, parts)
