@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import scipy.sparse as sp
 from scipy.spatial.transform import Rotation
 from sklearn.pipeline import make_pipeline
 
@@ -170,6 +171,30 @@ def test_units_of_whole_shapes_do_not_matter_for_tears(matcher, creatures):
         told[scale] = tears_of_wholes(known, [larger], {0: wrong})
         assert told[scale][1] == [0]
     assert np.array_equal(told[1.0][0][0].torn, told[1000.0][0][0].torn)
+
+
+def test_pairs_of_a_whole_shape_that_tears_go_by_its_match_as_a_part(
+    matcher, creatures, monkeypatch
+):
+    mesh = creatures.meshes[4]
+    scan = skfmap.partial.PlaneCut(0.8, 0.8).cut(creatures.meshes[3], np.random.default_rng(0))
+    right = skfmap.match_between(matcher, [scan, mesh], [(0, 1)])[0]
+    before = matcher._whole_on_places
+    half = mesh.vertices[:, 0] < np.median(mesh.vertices[:, 0])
+
+    def torn_places(*given):
+        (match,) = before(*given).values()
+        wrong = np.where(half, match.p2p[0], match.p2p[::-1])
+        matrix = sp.csr_array(np.eye(len(match.inverse))[wrong])
+        inverse = np.zeros_like(match.inverse)
+        return {1: replace(match, p2p=wrong, matrix=matrix, inverse=inverse)}
+
+    monkeypatch.setattr(matcher, "_whole_on_places", torn_places)
+    (mended,) = skfmap.match_between(matcher, [scan, mesh], [(0, 1)])
+    both = (right.p2p >= 0) & (mended.p2p >= 0)
+    assert both.mean() > 0.5
+    apart = mesh.vertices[right.p2p[both]] - mesh.vertices[mended.p2p[both]]
+    assert np.linalg.norm(apart, axis=1).mean() < 0.1 * np.sqrt(mesh.area)
 
 
 def test_what_lies_on_a_tear_is_told_and_not_trusted(matcher, creatures):

@@ -274,7 +274,7 @@ class PartialMatcher(Versioned, BaseEstimator):
                 interpolate=interpolate,
             )
             rows = rows_of(kinds, "whole")
-            found.update(self._mended(items, {i: all_covered(answers[i]) for i in rows}))
+            found.update(self._mended(items, {i: all_covered(answers[i]) for i in rows})[0])
         parts = self._laid(items, rows_of(kinds, "part"))
         found.update(self._matched(items, parts))
         for i in range(len(items)):
@@ -304,8 +304,9 @@ class PartialMatcher(Versioned, BaseEstimator):
             maps vertices of ``X[i]`` to vertices of ``X[j]``, and is -1 at vertices that ``X[j]``
             does not show. ``covered`` and ``covered_probability`` say which vertices of ``X[j]``
             are shown by ``X[i]``, and ``inverse`` where on ``X[i]`` they lie, -1 elsewhere. Pairs
-            of whole shapes are matched by the pipeline. Other pairs have no functional map; its
-            entries are NaN. ``expected_error`` combines the errors of both matches to the
+            of whole shapes are matched by the pipeline, without a check for tears. Other pairs have
+            no functional map; its entries are NaN. Their ``torn`` is that of the match of ``X[i]``
+            to the reference of the model. ``expected_error`` combines the errors of both matches to the
             reference, in units of sqrt(area) of the *reference of the model*; it is None if one of
             the two is whole and the pipeline does not calibrate errors.
 
@@ -648,14 +649,15 @@ class PartialMatcher(Versioned, BaseEstimator):
             found[i] = with_meshes(match, items[i], i, known.learner.reference_.spectral)
         return found
 
-    def _mended(self, items: Sequence[MeshLike], found: dict[int, Match]) -> dict[int, Match]:
-        """Return matches of whole shapes; those that tear are matched as parts if that helps."""
+    def _mended(
+        self, items: Sequence[MeshLike], found: dict[int, Match]
+    ) -> tuple[dict[int, Match], dict[int, Part]]:
+        """Return matches of whole shapes, and the parts as which those that tear were matched."""
         known = self._knowledge()
         told, torn = tears_of_wholes(known, items, found)
-        if torn:
-            parts = self._laid(items, torn)
-            told.update(better_of(known, told, self._matched(items, parts), parts))
-        return told
+        parts = self._laid(items, torn)
+        better = better_of(known, told, self._matched(items, parts), parts)
+        return told | better, {i: parts[i] for i in better}
 
     def _on_reference(
         self, items: Sequence[MeshLike], kinds: Sequence[str], wanted: set[int], told: set[int]
@@ -666,17 +668,19 @@ class PartialMatcher(Versioned, BaseEstimator):
         ``told``, for which they were given before.
         """
         kinds = [kind if i in wanted else "" for i, kind in enumerate(kinds)]
-        matches, on_reference = {}, {}
+        matches: dict[int, Match] = {}
+        on_reference: dict[int, OnReference] = {}
         for i in sorted(wanted):
             if kinds[i] not in ("whole", "part"):
                 matches[i] = self._nothing(items[i], i)
         parts = self._laid(items, rows_of(kinds, "part"))
         known = self._knowledge()
-        for i, match in self._matched(items, parts).items():
-            matches[i], on_reference[i] = match, part_on_reference(known, parts[i], match)
-        for i, match in self._whole_on_places(items, kinds, told).items():
-            matches[i] = match
-            if (match.p2p >= 0).any():
+        wholes, mended = self._mended(items, self._whole_on_places(items, kinds, told))
+        matches |= self._matched(items, parts) | wholes
+        for i, part in (parts | mended).items():
+            on_reference[i] = part_on_reference(known, part, matches[i])
+        for i, match in wholes.items():
+            if i not in mended and (match.p2p >= 0).any():
                 vertices, faces = arrays_of(items[i], i)
                 on_reference[i] = whole_on_reference(vertices, faces, match)
         warn_of_parts(items, kinds, parts, self.trust_)
