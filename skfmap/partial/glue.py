@@ -8,13 +8,10 @@ import numpy as np
 from skfmap._tools.types import BoolArray, FloatArray, IntArray
 from skfmap._tools.warn import warn
 from skfmap.exceptions import UnfamiliarShapeWarning
-from skfmap.functional.neighbours import nearest
-from skfmap.geometry.cutting import keep_faces, without_crumbs
 from skfmap.geometry.faults import edges_of, sound_faces
 from skfmap.io import MeshLike
 from skfmap.partial.answers import Knowledge, Part, arrays_of
-from skfmap.partial.body import Body, LaidOnPart, Regions
-from skfmap.partial.scan import Scan
+from skfmap.partial.body import Regions
 from skfmap.partial.tears import (
     faces_with_edges,
     sizes_of_tears,
@@ -26,7 +23,6 @@ from skfmap.shapes.usable import describe
 
 __all__ = [
     "better_of",
-    "lay_without_glue",
     "share_torn",
     "tears",
     "tears_of_wholes",
@@ -42,8 +38,6 @@ _STRETCH, _APART = 2.0, 0.2
 # Tears that can be mended by moving fewer vertices than this are noise. So are islands of wrong
 # matches below this fraction of the area, and tears that cover less than the last value.
 _LEAST, _ISLAND, _LEAST_AREA = 4.0, 0.005, 0.002
-# Components that remain after a cut are dropped below this fraction of the area.
-_CRUMB = 0.005
 
 
 def torn_vertices(
@@ -87,35 +81,6 @@ def share_torn(vertices: FloatArray, faces: IntArray, torn: BoolArray) -> float:
     return float(areas[torn[faces].all(axis=1)].sum() / areas.sum())
 
 
-def lay_without_glue(body: Body, scan: Scan) -> tuple[Scan, LaidOnPart]:
-    """Return the reference laid onto a scan, and the scan, cut where parts of it are glued.
-
-    If the map tears, the scan is cut along the tears and the reference is laid again, so that
-    paths along the scan do not cross the glue. The new result is kept only if it fits better and
-    does not tear more.
-
-    Parameters
-    ----------
-    body : Body
-        The reference and its models.
-    scan : Scan
-        The scan.
-    """
-    laid = body.lay(scan)
-    torn = torn_vertices(body.regions, scan.vertices, scan.faces, laid.p2p)
-    if not torn.any():
-        return scan, laid
-    cut = _cut(scan, torn)
-    again = body.lay(cut)
-    still = torn_vertices(body.regions, cut.vertices, cut.faces, again.p2p)
-    is_better = again.off + again.strain < laid.off + laid.strain
-    if is_better and share_torn(cut.vertices, cut.faces, still) <= share_torn(
-        scan.vertices, scan.faces, torn
-    ):
-        return cut, again
-    return scan, laid
-
-
 def with_tears(
     known: Knowledge, vertices: FloatArray, faces: IntArray, unit: float, match: Match
 ) -> Match:
@@ -136,8 +101,8 @@ def with_tears(
         The match of the scan.
     """
     faces, scaled = faces[sound_faces(vertices, faces)], vertices / unit
-    working = _on_working(known)
-    answers = np.where(match.p2p >= 0, working[match.p2p], -1)
+    working = known.learner.reference_.spectral.working_vertices(match.p2p)
+    answers = np.where(match.p2p >= 0, working, -1)
     torn = torn_vertices(known.body.regions, scaled, faces, answers)
     match = replace(match, torn=torn)
     if not torn.any():
@@ -148,8 +113,8 @@ def with_tears(
     across = _ways_across(known.body.regions, faces, answers, torn)
     return replace(
         match,
-        expected_error=np.fmax(match.expected_error, across / 2),
-        confidence=np.where(torn, np.fmin(match.confidence, 0.5), match.confidence),
+        expected_error=np.maximum(match.expected_error, across / 2),  # keeps NaN where unmatched
+        confidence=np.where(torn, np.minimum(match.confidence, 0.5), match.confidence),
     )
 
 
@@ -159,25 +124,25 @@ def tears(match: Match) -> bool:
 
 
 def tears_of_wholes(
-    known: Knowledge, items: Sequence[MeshLike], unit: float, found: dict[int, Match]
+    known: Knowledge, items: Sequence[MeshLike], found: dict[int, Match]
 ) -> tuple[dict[int, Match], list[int]]:
     """Return matches of whole shapes with their tears marked, and the indices of those that tear.
 
     Parameters
     ----------
-    known, unit : Knowledge, float
-        As in `with_tears`.
+    known : Knowledge
+        The fitted models.
     items : sequence of meshes
-        All given meshes.
+        All given meshes, in any units: whole shapes are compared at unit area.
     found : dict of int to Match
         Matches of the whole shapes, by index.
     """
-    told = {
-        i: with_tears(known, *arrays_of(items[i], i), unit, match)
-        if (match.p2p >= 0).any()
-        else match
-        for i, match in found.items()
-    }
+    told = dict(found)
+    for i, match in found.items():
+        if (match.p2p >= 0).any():
+            vertices, faces = arrays_of(items[i], i)
+            area = _areas(vertices, faces[sound_faces(vertices, faces)]).sum()
+            told[i] = with_tears(known, vertices, faces, float(np.sqrt(area)), match)
     return told, [i for i, match in told.items() if tears(match)]
 
 
@@ -198,7 +163,8 @@ def better_of(
     return {
         i: match
         for i, match in laid.items()
-        if known.trust.is_familiar(parts[i].laid)
+        if parts[i].is_itself
+        and known.trust.is_familiar(parts[i].laid)
         and _share(parts[i], match) < _share(parts[i], whole[i])
     }
 
@@ -255,24 +221,6 @@ def _ways_across(
     for end in edges.T:
         np.maximum.at(across, end, ways)
     return np.where(torn, across, 0.0)
-
-
-def _cut(scan: Scan, torn: BoolArray) -> Scan:
-    """Return a scan without the faces that lie on tears."""
-    kept = np.logical_not(torn[scan.faces].all(axis=1)).astype(bool)
-    left = keep_faces(scan.vertices, scan.faces, np.asarray(kept))
-    least = _CRUMB * float(_areas(*left).sum())
-    vertices, faces = without_crumbs(*left, least)
-    return Scan(np.ascontiguousarray(vertices), np.ascontiguousarray(faces, dtype=np.int64))
-
-
-def _on_working(known: Knowledge) -> IntArray:
-    """Return the nearest working vertex of the reference for each given one."""
-    regions = known.body.regions
-    if known.target.is_working:
-        return np.arange(len(regions.vertices))
-    unit = np.sqrt(known.learner.reference_.spectral.area)
-    return nearest(np.nan_to_num(known.target.arrays[0]) / unit, regions.vertices)
 
 
 def _areas(vertices: FloatArray, faces: IntArray) -> FloatArray:

@@ -7,7 +7,6 @@ import numpy as np
 from skfmap._tools.types import FloatArray, IntArray
 from skfmap.partial.answers import Part
 from skfmap.partial.body import Body
-from skfmap.partial.glue import lay_without_glue
 from skfmap.partial.scale import scale_of
 from skfmap.partial.scan import scan_of
 from skfmap.partial.sides import Sides
@@ -48,7 +47,7 @@ def laid_part(ways: WaysToLay, vertices: FloatArray, faces: IntArray) -> Part:
     Parameters
     ----------
     ways : WaysToLay
-        What was learned.
+        The fitted models and parameters.
     vertices, faces : ndarray of shape (n_vertices, 3), ndarray of int, shape (n_faces, 3)
         The part, as given.
     """
@@ -63,5 +62,4 @@ def laid_part(ways: WaysToLay, vertices: FloatArray, faces: IntArray) -> Part:
         side = ways.sides.of(ways.body, scan) if turn == 1 else "inside out"
         if side != "inside out":
             break
-    scan, laid = lay_without_glue(ways.body, scan)
-    return Part(vertices / unit, faces, scan, laid, unit, side, scale)
+    return Part(vertices / unit, faces, scan, ways.body.lay(scan), unit, side, scale)

@@ -651,7 +651,7 @@ class PartialMatcher(Versioned, BaseEstimator):
     def _mended(self, items: Sequence[MeshLike], found: dict[int, Match]) -> dict[int, Match]:
         """Return matches of whole shapes; those that tear are matched as parts if that helps."""
         known = self._knowledge()
-        told, torn = tears_of_wholes(known, items, self.unit_, found)
+        told, torn = tears_of_wholes(known, items, found)
         if torn:
             parts = self._laid(items, torn)
             told.update(better_of(known, told, self._matched(items, parts), parts))
