@@ -113,7 +113,7 @@ def with_tears(
     across = _ways_across(known.body.regions, faces, answers, torn)
     return replace(
         match,
-        expected_error=np.maximum(match.expected_error, across / 2),  # NaN without a match stays
+        expected_error=np.maximum(match.expected_error, across / 2),  # keeps NaN where unmatched
         confidence=np.where(torn, np.minimum(match.confidence, 0.5), match.confidence),
     )
 
@@ -131,7 +131,7 @@ def tears_of_wholes(
     Parameters
     ----------
     known : Knowledge
-        What was learned.
+        The fitted models.
     items : sequence of meshes
         All given meshes, in any units: whole shapes are compared at unit area.
     found : dict of int to Match

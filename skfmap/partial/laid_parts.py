@@ -47,7 +47,7 @@ def laid_part(ways: WaysToLay, vertices: FloatArray, faces: IntArray) -> Part:
     Parameters
     ----------
     ways : WaysToLay
-        What was learned.
+        The fitted models and parameters.
     vertices, faces : ndarray of shape (n_vertices, 3), ndarray of int, shape (n_faces, 3)
         The part, as given.
     """

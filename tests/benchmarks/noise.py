@@ -1,4 +1,4 @@
-"""Scans with many small holes, and scans whose parts that come near in space are fused."""
+"""Scans with many small holes, and scans in which parts that are close in space are fused."""
 
 import numpy as np
 import scipy.sparse as sp
@@ -17,14 +17,14 @@ from skfmap.registration.deformation import Deformation
 from skfmap.registration.laying import Anchors, lay_on_points
 
 N_HOLES = 30
-N_TIPS, N_PAIRS, TIP = 8, 4, 0.08  # ends of limbs, and how far each reaches, in sqrt(area)
-FAR = 0.3  # what lies so far apart on a shape, in sqrt(area), is no neighbour
-LEAST_GLUED = 0.001  # share of the area of faces that join what lies far apart
+N_TIPS, N_PAIRS, TIP = 8, 4, 0.08  # ends of limbs, pairs tried, and size of an end in sqrt(area)
+FAR = 0.3  # distance on a shape, in sqrt(area), beyond which points are not neighbours
+LEAST_GLUED = 0.001  # minimum fraction of the area in faces that join distant points
 N_CELLS = 110
 
 
 def with_holes(mesh, share, rng):
-    """Return what about thirty discs, all of one radius, leave of a mesh."""
+    """Return a mesh from which about thirty discs of equal radius are removed."""
     vertices, faces = mesh.vertices, mesh.faces
     centres = rng.choice(mesh.n_vertices, N_HOLES, replace=False)
     away = dijkstra(edge_graph(vertices, faces), directed=False, indices=centres).min(axis=0)
@@ -37,10 +37,10 @@ def with_holes(mesh, share, rng):
 
 
 def glued(mesh, radius, n_vertices, rng):
-    """Return a mesh whose gaps that no ball of a radius, in sqrt(area), gets into are filled.
+    """Return a mesh with all gaps filled that no ball of the given radius, in sqrt(area), enters.
 
-    If that joins nothing that lies far apart, the ends of two limbs are drawn together before, as
-    a hand is laid on a thigh. The second mesh is the given one as it then stands.
+    If that does not join distant points, the ends of two limbs are first moved together, like a
+    hand that is laid on a thigh. The second mesh is the given one in the resulting pose.
     """
     tips, away = _limbs(mesh, rng)
     for drawn in (0.0, 0.6, 0.8, 0.95):
@@ -52,7 +52,7 @@ def glued(mesh, radius, n_vertices, rng):
 
 
 def true_tears(vertices, faces, posed):
-    """Return the faces whose corners lie far apart on a mesh, shape (n_faces,)."""
+    """Return which faces have corners that are far apart on a mesh, shape (n_faces,)."""
     unit, faces_0 = posed.area**0.5, posed.faces
     normals, normals_0 = vertex_normals(vertices, faces), vertex_normals(posed.vertices, faces_0)
     own = nearest_with_normals(vertices / unit, normals, posed.vertices / unit, normals_0)
@@ -70,7 +70,7 @@ def _share(vertices, faces, posed):
 
 
 def _limbs(mesh, rng):
-    """Return the ends of two limbs that are near in space, and distances from them."""
+    """Return the ends of two limbs that are close in space, and distances from them."""
     vertices = mesh.vertices / mesh.area**0.5
     start = farthest_vertices(vertices, mesh.faces, rng.integers(mesh.n_vertices, size=1), 1)[1]
     candidates = np.append(start[0].argmax(), np.arange(mesh.n_vertices))
@@ -84,7 +84,7 @@ def _limbs(mesh, rng):
 
 
 def _drawn_together(mesh, away, tips, share):
-    """Return vertices of a mesh whose ends of two limbs come near, the rest as rigid as can be."""
+    """Return vertices of a mesh deformed as rigidly as possible so that two ends come close."""
     if not share:
         return mesh.vertices
     unit = mesh.area**0.5

@@ -1,16 +1,17 @@
-"""Parts of unseen shapes matched to the whole reference, beside the plain match.
+"""Parts of held-out shapes matched to the whole reference, compared with the plain match.
 
     python tests/benchmarks/partial.py cats
     python tests/benchmarks/partial.py faust
     python tests/benchmarks/partial.py creatures
     python tests/benchmarks/partial.py cats --cuts holes glue
 
-Two of three cats are learned from and the third is cut; of FAUST, people 0 to 2 are learned from in
-four poses each, and people 3 and 4 are cut in four others; of ten creatures, three are cut. Cuts
-leave about 70 and about 50 % of the area; they are made here with seeds of their own, and all are
-meshed anew, with fewer vertices, so that neither rims nor edges are those of the mesh. Thirty small
-holes leave 90 and 80 %; of glued scans, gaps below 0.04 and 0.1 sqrt(area) are filled. Needs the
-data folder (``SKFMAP_DATA``, else ``../shared/data`` beside the checkout) for cats and bodies.
+Two thirds of the cats are used for training, and the others are cut. On FAUST, people 0 to 2 are
+used for training in four poses each, and people 3 and 4 are cut in four other poses. Of ten
+creatures, three are cut. Cuts leave about 70 and about 50 % of the area. They are made here with
+separate seeds, and all parts are remeshed with fewer vertices, so that neither rims nor edges
+are those of the mesh. Thirty small holes leave 90 and 80 % of the area; in glued scans, gaps
+below 0.04 and 0.1 sqrt(area) are filled. Needs the data folder (``SKFMAP_DATA``, else
+``../shared/data`` beside the checkout) for cats and bodies.
 """
 
 import argparse
@@ -37,14 +38,14 @@ from skfmap.geometry.thinning import thin
 from skfmap.partial import LimbCut, PlaneCut
 
 SEED = 7
-KEPT = 0.85  # of the vertices, after meshing anew
-# Shares of the area that are left; of glue, half the width of gaps that are filled.
+KEPT = 0.85  # fraction of the vertices after remeshing
+# Fractions of the area that are left; for glue, half the width of the gaps that are filled.
 AMOUNTS = {"holes": (0.9, 0.8), "glue": (0.02, 0.05)}
-NEAR = 0.1  # so near to a true tear, in sqrt(area), one is found
+NEAR = 0.1  # distance, in sqrt(area), within which reported and true tears agree
 
 
 def collection_of(kind):
-    """Return meshes, correspondences, and which are learned from and which are cut."""
+    """Return meshes, correspondences, and the indices for training and for cutting."""
     if kind == "creatures":
         given, train, test = make_creatures(10, 3000), list(range(7)), [7, 8, 9]
     elif kind == "cats":
@@ -59,7 +60,7 @@ def collection_of(kind):
 
 
 def seen_part(mesh, share, rng):
-    """Return what is seen from a few places, as many as come nearest to a share of the area."""
+    """Return what is seen from a few directions, until about the given fraction of the area."""
     towards, seen, best = rng.normal(size=3), np.zeros(mesh.n_faces, dtype=bool), None
     for _ in range(6):
         seen = seen | visible_faces(mesh.vertices, mesh.faces, towards, n_pixels=300, grazing=0.1)
@@ -73,11 +74,11 @@ def seen_part(mesh, share, rng):
 
 
 def remeshed(vertices, faces):
-    """Return a mesh with fewer vertices, piece by piece."""
+    """Return a mesh with fewer vertices, thinned component by component."""
     pieces, found, n = components(faces, len(vertices))[faces[:, 0]], [], 0
     for piece in np.unique(pieces):
         own = keep_faces(vertices, faces, pieces == piece)
-        with contextlib.suppress(ValueError):  # too small a piece
+        with contextlib.suppress(ValueError):  # the component is too small
             own = thin(*own, max(int(KEPT * len(own[0])), 20))[:2]
         found.append((own[0], own[1] + n))
         n += len(own[0])
@@ -85,7 +86,7 @@ def remeshed(vertices, faces):
 
 
 def cut(mesh, kind, share, seed):
-    """Return a scan of a mesh, and the mesh, as it stands in the scan."""
+    """Return a scan of a mesh, and the mesh in the pose of the scan."""
     rng = np.random.default_rng([SEED, *seed])
     name = f"{mesh.name} {kind} {share}"
     if kind == "glue":
@@ -103,7 +104,7 @@ def cut(mesh, kind, share, seed):
 
 
 def figures_of_tears(match, part, posed):
-    """Return how tears that are told lie to those that there are."""
+    """Return the agreement of reported tears with true ones."""
     true = np.zeros(part.n_vertices, dtype=bool)
     true[part.faces[true_tears(part.vertices, part.faces, posed)]] = True
     told = match.torn if match.torn is not None else np.zeros(part.n_vertices, dtype=bool)
@@ -118,7 +119,7 @@ def figures_of_tears(match, part, posed):
 
 
 class Figures:
-    """Measures matches by the known pairs of a whole shape and the reference."""
+    """Measures matches against the known pairs of a whole shape and the reference."""
 
     def __init__(self, reference, spectral_0):
         self.reference, self.mass = reference, spectral_0.mass
@@ -169,9 +170,9 @@ class Figures:
 def main():
     parser = argparse.ArgumentParser()
     parser.add_argument("kind", choices=("cats", "faust", "creatures"))
-    parser.add_argument("--n-test", type=int, help="how many shapes are cut")
-    parser.add_argument("--model", type=Path, help="file that keeps the fitted model")
-    parser.add_argument("--no-plain", action="store_true", help="leave the plain match out")
+    parser.add_argument("--n-test", type=int, help="number of shapes that are cut")
+    parser.add_argument("--model", type=Path, help="file in which the fitted model is kept")
+    parser.add_argument("--no-plain", action="store_true", help="skip the plain match")
     parser.add_argument("--cuts", nargs="+", default=("planes", "limbs", "views"))
     given = parser.parse_args()
     meshes, truths, train, test = collection_of(given.kind)
@@ -184,7 +185,7 @@ def main():
 
 
 def fitted(path, meshes, truths):
-    """Return the model, from a file if it is kept there."""
+    """Return the fitted model, loaded from a file if it exists."""
     if path is not None and path.exists():
         return joblib.load(path)
     started = time.perf_counter()
@@ -231,13 +232,13 @@ def measured(model, meshes, truths, test, given):
                 told = ("error", "plain", "IoU", "torn", "tears found", "tears right", "expected")
                 values = " ".join(f"{row[name]:.3f}" for name in told if name in row)
                 print(f"{row['name']:<28} {values}", flush=True)
-    print(f"whole shapes taken for parts: {n_parts} of {len(test)}; answered otherwise: {n_differ}")
-    print(f"whole shapes told to tear: {n_torn}")
+    print(f"whole shapes taken for parts: {n_parts} of {len(test)}; matched otherwise: {n_differ}")
+    print(f"whole shapes reported to tear: {n_torn}")
     return rows
 
 
 def tell(rows):
-    """Print means by kind and share, errors in sqrt(area)."""
+    """Print means by kind of cut and fraction of the area, with errors in sqrt(area)."""
     columns = [name for name in rows[-1] if name not in ("name", "kind", "share")]
     print(f"{'':<12}{'scans':>6}" + "".join(f"{name:>12}" for name in [*columns, "> 0.10"]))
     for kind, share in dict.fromkeys((row["kind"], row["share"]) for row in rows):
