@@ -306,9 +306,9 @@ class PartialMatcher(Versioned, BaseEstimator):
             are shown by ``X[i]``, and ``inverse`` where on ``X[i]`` they lie, -1 elsewhere. Pairs
             of whole shapes are matched by the pipeline, without a check for tears. Other pairs have
             no functional map; its entries are NaN. Their ``torn`` is that of the match of ``X[i]``
-            to the reference of the model. ``expected_error`` combines the errors of both matches to the
-            reference, in units of sqrt(area) of the *reference of the model*; it is None if one of
-            the two is whole and the pipeline does not calibrate errors.
+            to the reference of the model. ``expected_error`` combines the errors of both matches to
+            the reference, in units of sqrt(area) of the *reference of the model*; it is None if one
+            of the two is whole and the pipeline does not calibrate errors.
 
         Raises
         ------

@@ -184,7 +184,7 @@ def main():
     tell(rows)
 
 
-def fitted(path, meshes, truths):
+def fitted(path, meshes, truths, n_cuts=12):
     """Return the fitted model, loaded from a file if it exists."""
     if path is not None and path.exists():
         return joblib.load(path)
@@ -194,7 +194,7 @@ def fitted(path, meshes, truths):
         skfmap.DescriptorTransformer(),
         skfmap.WeightedFunctionalMapLearner(confidence=None),
     )
-    model = skfmap.PartialMatcher(pipeline).fit(meshes, truths)
+    model = skfmap.PartialMatcher(pipeline, n_cuts=n_cuts).fit(meshes, truths)
     print(f"fitted in {time.perf_counter() - started:.0f} s", flush=True)
     if path is not None:
         joblib.dump(model, path)
