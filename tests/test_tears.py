@@ -14,8 +14,7 @@ from skfmap.datasets import make_creatures
 from skfmap.exceptions import UnfamiliarShapeWarning
 from skfmap.geometry.geodesics import edge_path_distances
 from skfmap.partial.body import shared_regions
-from skfmap.partial.glue import lay_without_glue, torn_vertices, warn_of_tears, with_tears
-from skfmap.partial.scan import Scan
+from skfmap.partial.glue import tears_of_wholes, torn_vertices, warn_of_tears, with_tears
 from skfmap.partial.tears import faces_with_edges, sizes_of_tears, without_islands
 
 N_LONG, N_WIDE, STEP = 41, 11, 0.05
@@ -160,6 +159,19 @@ def test_sound_whole_shapes_are_answered_as_before_and_do_not_tear(matcher, crea
         assert np.array_equal(one.p2p, other.p2p)
 
 
+def test_units_of_whole_shapes_do_not_matter_for_tears(matcher, creatures):
+    mesh, known = creatures.meshes[4], matcher._knowledge()
+    (match,) = skfmap.match(matcher.estimator_, [mesh])
+    i, across = np.arange(mesh.n_vertices), mesh.vertices[:, 0] < np.median(mesh.vertices[:, 0])
+    wrong = replace(match, p2p=np.where(across, match.p2p[0], match.p2p[i[::-1]]))
+    told = {}
+    for scale in (1.0, 1000.0):
+        larger = skfmap.Mesh(scale * mesh.vertices, mesh.faces)
+        told[scale] = tears_of_wholes(known, [larger], {0: wrong})
+        assert told[scale][1] == [0]
+    assert np.array_equal(told[1.0][0][0].torn, told[1000.0][0][0].torn)
+
+
 def test_what_lies_on_a_tear_is_told_and_not_trusted(matcher, creatures):
     mesh, known = creatures.meshes[4], matcher._knowledge()
     scan = skfmap.partial.PlaneCut(0.8, 0.8).cut(mesh, np.random.default_rng(0))
@@ -178,29 +190,18 @@ def test_what_lies_on_a_tear_is_told_and_not_trusted(matcher, creatures):
     assert (told.expected_error[told.torn] > way / 2 - 0.1).all()
     same = ~told.torn
     np.testing.assert_array_equal(told.expected_error[same], match.expected_error[same])
+    blank = np.flatnonzero(told.torn)[:1]
+    blank = np.append(blank, np.flatnonzero(same)[:1])
+    unknown = np.isin(np.arange(len(p2p)), blank)
+    without = replace(
+        match,
+        p2p=np.where(unknown, -1, p2p),
+        expected_error=np.where(unknown, np.nan, match.expected_error),
+        confidence=np.where(unknown, np.nan, match.confidence),
+    )
+    still = with_tears(known, scan.vertices, scan.faces, matcher.unit_, without)
+    assert still.torn.any()
+    assert np.array_equal(np.isnan(still.expected_error), np.isnan(without.expected_error))
+    assert np.array_equal(np.isnan(still.confidence), np.isnan(without.confidence))
     with pytest.warns(UnfamiliarShapeWarning, match=f"{told.torn.sum()} vertices"):
         warn_of_tears({0: told})
-
-
-def test_a_cut_is_kept_only_where_the_reference_lies_better(glued, regions):
-    vertices, faces, torn = glued
-
-    class Laid:
-        def __init__(self, scan, off):
-            self.p2p, self.off, self.strain = scan.own, off, 0.0
-
-    class Body:
-        def __init__(self, offs):
-            self.regions, self.offs, self.seen = regions, list(offs), []
-
-        def lay(self, scan):
-            object.__setattr__(scan, "own", np.arange(len(scan.vertices)))
-            self.seen.append(scan)
-            return Laid(scan, self.offs.pop(0))
-
-    for offs, kept in (((0.2, 0.1), 1), ((0.1, 0.2), 0)):
-        body = Body(offs)
-        scan, _ = lay_without_glue(body, Scan(vertices, faces))
-        assert scan is body.seen[kept]
-        bridge = torn[faces].all(axis=1)
-        assert len(body.seen[1].faces) == len(faces) - bridge.sum()

@@ -1,4 +1,4 @@
-"""Parts of a shape that were scanned as one surface where they touch: a hand glued to a thigh."""
+"""Detection of parts of a shape that touch and were scanned as one surface ("glued")."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -8,13 +8,10 @@ import numpy as np
 from skfmap._tools.types import BoolArray, FloatArray, IntArray
 from skfmap._tools.warn import warn
 from skfmap.exceptions import UnfamiliarShapeWarning
-from skfmap.functional.neighbours import nearest
-from skfmap.geometry.cutting import keep_faces, without_crumbs
 from skfmap.geometry.faults import edges_of, sound_faces
 from skfmap.io import MeshLike
 from skfmap.partial.answers import Knowledge, Part, arrays_of
-from skfmap.partial.body import Body, LaidOnPart, Regions
-from skfmap.partial.scan import Scan
+from skfmap.partial.body import Regions
 from skfmap.partial.tears import (
     faces_with_edges,
     sizes_of_tears,
@@ -26,7 +23,6 @@ from skfmap.shapes.usable import describe
 
 __all__ = [
     "better_of",
-    "lay_without_glue",
     "share_torn",
     "tears",
     "tears_of_wholes",
@@ -35,29 +31,28 @@ __all__ = [
     "with_tears",
 ]
 
-# An edge is torn whose ends land farther apart than so many times its length, and this, in
-# sqrt(area). Of 22 whole cats, creatures and bodies none is torn but one that is matched wrongly.
+# An edge is torn if its ends are matched farther apart than this many times its length plus this
+# distance, in sqrt(area). Of 22 whole cats, creatures and bodies, only one has torn edges, and it
+# is matched wrongly.
 _STRETCH, _APART = 2.0, 0.2
-# Vertices that would have to move to mend a tear: fewer are noise. Islands of wrong answers below
-# this share of the area are too, and so are tears that cover less than that.
+# Tears that can be mended by moving fewer vertices than this are noise. So are islands of wrong
+# matches below this fraction of the area, and tears that cover less than the last value.
 _LEAST, _ISLAND, _LEAST_AREA = 4.0, 0.005, 0.002
-# Pieces that a cut leaves are not looked at below this share of the area.
-_CRUMB = 0.005
 
 
 def torn_vertices(
     regions: Regions, vertices: FloatArray, faces: IntArray, answers: IntArray
 ) -> BoolArray:
-    """Return the vertices of a scan at which its map tears, shape (n_vertices,).
+    """Return which vertices of a scan lie on a tear of its map, shape (n_vertices,).
 
     Parameters
     ----------
     regions : Regions
         The reference.
     vertices, faces : ndarray of shape (n_vertices, 3), ndarray of int, shape (n_faces, 3)
-        Of the scan, in units of sqrt(area) of the reference; sound faces alone.
+        The scan, in units of sqrt(area) of the reference, without unusable faces.
     answers : ndarray of int, shape (n_vertices,)
-        Vertices of the reference; -1 where there is none.
+        Matched vertices of the reference; -1 where there is none.
     """
     torn = np.zeros(len(vertices), dtype=bool)
     edges = edges_of(faces)
@@ -81,60 +76,33 @@ def torn_vertices(
 
 
 def share_torn(vertices: FloatArray, faces: IntArray, torn: BoolArray) -> float:
-    """Return the share of the area of the faces whose corners are all torn."""
+    """Return the fraction of the area in faces whose corners are all torn."""
     areas = _areas(vertices, faces)
     return float(areas[torn[faces].all(axis=1)].sum() / areas.sum())
-
-
-def lay_without_glue(body: Body, scan: Scan) -> tuple[Scan, LaidOnPart]:
-    """Return the reference laid onto a scan, and the scan, cut where parts of it are glued.
-
-    Where the map tears the scan is cut, and the reference is laid anew: ways along the scan do not
-    lead over the glue then. What lies worse, or tears more, is not kept.
-
-    Parameters
-    ----------
-    body : Body
-        The reference.
-    scan : Scan
-        The scan.
-    """
-    laid = body.lay(scan)
-    torn = torn_vertices(body.regions, scan.vertices, scan.faces, laid.p2p)
-    if not torn.any():
-        return scan, laid
-    cut = _cut(scan, torn)
-    again = body.lay(cut)
-    still = torn_vertices(body.regions, cut.vertices, cut.faces, again.p2p)
-    is_better = again.off + again.strain < laid.off + laid.strain
-    if is_better and share_torn(cut.vertices, cut.faces, still) <= share_torn(
-        scan.vertices, scan.faces, torn
-    ):
-        return cut, again
-    return scan, laid
 
 
 def with_tears(
     known: Knowledge, vertices: FloatArray, faces: IntArray, unit: float, match: Match
 ) -> Match:
-    """Return a match that tells where it tears, and does not trust what lies there.
+    """Return a match with its tears marked, and with lower trust in the vertices on them.
 
-    A vertex on a tear belongs to one side or the other: half the way across is expected as error.
+    A vertex on a tear may belong to either side, so its expected error is at least half the
+    distance across the tear.
 
     Parameters
     ----------
     known : Knowledge
-        What was learned.
+        The fitted models.
     vertices, faces : ndarray of shape (n_vertices, 3), ndarray of int, shape (n_faces, 3)
-        Of the scan, as they were given.
+        The scan as given.
     unit : float
-        Root of the area of the reference, in the units of the coordinates.
+        Square root of the area of the reference, in the units of the coordinates.
     match : Match
-        Of the scan.
+        The match of the scan.
     """
     faces, scaled = faces[sound_faces(vertices, faces)], vertices / unit
-    working = _on_working(known)
-    answers = np.where(match.p2p >= 0, working[match.p2p], -1)
+    working = known.learner.reference_.spectral.working_vertices(match.p2p)
+    answers = np.where(match.p2p >= 0, working, -1)
     torn = torn_vertices(known.body.regions, scaled, faces, answers)
     match = replace(match, torn=torn)
     if not torn.any():
@@ -145,71 +113,72 @@ def with_tears(
     across = _ways_across(known.body.regions, faces, answers, torn)
     return replace(
         match,
-        expected_error=np.fmax(match.expected_error, across / 2),
-        confidence=np.where(torn, np.fmin(match.confidence, 0.5), match.confidence),
+        expected_error=np.maximum(match.expected_error, across / 2),  # NaN without a match stays
+        confidence=np.where(torn, np.minimum(match.confidence, 0.5), match.confidence),
     )
 
 
 def tears(match: Match) -> bool:
-    """Tell whether a match tears anywhere."""
+    """Return whether a match has a tear."""
     return match.torn is not None and bool(match.torn.any())
 
 
 def tears_of_wholes(
-    known: Knowledge, items: Sequence[MeshLike], unit: float, found: dict[int, Match]
+    known: Knowledge, items: Sequence[MeshLike], found: dict[int, Match]
 ) -> tuple[dict[int, Match], list[int]]:
-    """Return matches of whole shapes that tell where they tear, and the indices of those that do.
+    """Return matches of whole shapes with their tears marked, and the indices of those that tear.
 
     Parameters
     ----------
-    known, unit : Knowledge, float
-        As in `with_tears`.
+    known : Knowledge
+        What was learned.
     items : sequence of meshes
-        All that were given.
+        All given meshes, in any units: whole shapes are compared at unit area.
     found : dict of int to Match
-        Matches, by indices.
+        Matches of the whole shapes, by index.
     """
-    told = {
-        i: with_tears(known, *arrays_of(items[i], i), unit, match)
-        if (match.p2p >= 0).any()
-        else match
-        for i, match in found.items()
-    }
+    told = dict(found)
+    for i, match in found.items():
+        if (match.p2p >= 0).any():
+            vertices, faces = arrays_of(items[i], i)
+            area = _areas(vertices, faces[sound_faces(vertices, faces)]).sum()
+            told[i] = with_tears(known, vertices, faces, float(np.sqrt(area)), match)
     return told, [i for i, match in told.items() if tears(match)]
 
 
 def better_of(
     known: Knowledge, whole: dict[int, Match], laid: dict[int, Match], parts: dict[int, Part]
 ) -> dict[int, Match]:
-    """Return those matches of shapes as parts that tear less than those of the whole shapes.
+    """Return the matches of shapes as parts that tear less than their matches as whole shapes.
 
     Parameters
     ----------
     known : Knowledge
-        What was learned.
+        The fitted models.
     whole, laid : dict of int to Match
-        Matches as of whole shapes, and as of parts, by indices.
+        Matches as whole shapes and as parts, by index.
     parts : dict of int to Part
-        How the reference lies.
+        The shapes with the reference laid onto them.
     """
     return {
         i: match
         for i, match in laid.items()
-        if known.trust.is_familiar(parts[i].laid)
+        if parts[i].is_itself
+        and known.trust.is_familiar(parts[i].laid)
         and _share(parts[i], match) < _share(parts[i], whole[i])
     }
 
 
 def warn_of_tears(found: dict[int, Match]) -> None:
-    """Warn of matches that tear, by their indices."""
+    """Warn of matches that tear, given by index."""
     told = ", ".join(
         f"{describe(i, found[i])} ({_told(found[i])})" for i in sorted(found) if tears(found[i])
     )
     if told:
         warn(
-            f"Neighbours land far apart on the reference on {told}: parts that touch were scanned "
-            "as one surface, or the match is wrong there. Match.torn marks them. Cut the scan "
-            "there, or scan it with limbs apart; do not rely on the match nearby.",
+            f"Neighbouring vertices are matched far apart on {told}: parts that touch were scanned "
+            "as one surface, or the match is wrong there. Match.torn marks these vertices. Cut the "
+            "scan there, or scan it with limbs apart; do not rely on the match nearby.",
             UnfamiliarShapeWarning,
         )
 
@@ -228,14 +197,14 @@ def _mask(match: Match) -> BoolArray:
 
 
 def _torn(regions: Regions, vertices: FloatArray, edges: IntArray, answers: IntArray) -> IntArray:
-    """Return the edges whose ends land too far apart."""
+    """Return the edges whose ends are matched too far apart."""
     lengths = np.linalg.norm(vertices[edges[:, 0]] - vertices[edges[:, 1]], axis=1)
     ways = _ways(regions, answers[edges])
     return stretched_edges(edges, lengths, ways, stretch=_STRETCH, apart=_APART)
 
 
 def _ways(regions: Regions, pairs: IntArray) -> FloatArray:
-    """Return how far apart pairs of vertices of the reference are; many pairs are alike."""
+    """Return distances between pairs of vertices of the reference, computed once for each pair."""
     pairs, back = np.unique(np.sort(pairs, axis=1), axis=0, return_inverse=True)
     one, other = pairs[:, 0], pairs[:, 1]
     ways = np.minimum(regions.ways(one, other), regions.ways(other, one))
@@ -245,31 +214,13 @@ def _ways(regions: Regions, pairs: IntArray) -> FloatArray:
 def _ways_across(
     regions: Regions, faces: IntArray, answers: IntArray, torn: BoolArray
 ) -> FloatArray:
-    """Return how far apart the ends of the longest torn edge at each vertex land; 0 elsewhere."""
+    """Return the largest distance across a torn edge at each vertex; 0 elsewhere."""
     edges = edges_of(faces)
     edges = edges[torn[edges].all(axis=1) & (answers[edges] >= 0).all(axis=1)]
     ways, across = _ways(regions, answers[edges]), np.zeros(len(answers))
     for end in edges.T:
         np.maximum.at(across, end, ways)
     return np.where(torn, across, 0.0)
-
-
-def _cut(scan: Scan, torn: BoolArray) -> Scan:
-    """Return a scan without the faces that tears run through."""
-    kept = np.logical_not(torn[scan.faces].all(axis=1)).astype(bool)
-    left = keep_faces(scan.vertices, scan.faces, np.asarray(kept))
-    least = _CRUMB * float(_areas(*left).sum())
-    vertices, faces = without_crumbs(*left, least)
-    return Scan(np.ascontiguousarray(vertices), np.ascontiguousarray(faces, dtype=np.int64))
-
-
-def _on_working(known: Knowledge) -> IntArray:
-    """Return the working vertex of the reference that each given one is nearest to."""
-    regions = known.body.regions
-    if known.target.is_working:
-        return np.arange(len(regions.vertices))
-    unit = np.sqrt(known.learner.reference_.spectral.area)
-    return nearest(np.nan_to_num(known.target.arrays[0]) / unit, regions.vertices)
 
 
 def _areas(vertices: FloatArray, faces: IntArray) -> FloatArray:
