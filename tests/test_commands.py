@@ -23,6 +23,7 @@ from skfmap.commands import main
 from skfmap.commands.dispatch import _format_warning
 from skfmap.commands.transfer import _read_columns
 from skfmap.io import read_landmarks, read_mesh, write_landmarks, write_mesh
+from skfmap.partial.matcher import PartialMatcher
 from skfmap.persistence import load_model
 
 PROJECT = Path(__file__).resolve().parents[1] / "pyproject.toml"
@@ -608,6 +609,7 @@ def test_a_shape_that_the_model_refuses_does_not_lose_the_others(
         (["match", "{model}", "{new}", "{new}/body4.off", "-o", "{out}"], "would both be written"),
         (["match", "{model}", "{new}", "-o", "{out}", "--jobs", "0"], "n_jobs"),
         (["match", "{learner}", "{new}", "-o", "{out}"], "without the steps that read meshes"),
+        (["match", "{parts}", "{new}", "-o", "{out}"], "holds a PartialMatcher, which"),
         (["match", "{array}", "{new}", "-o", "{out}"], "holds no model of skfmap, but a ndarray"),
         (["match", "{cut}", "{new}", "-o", "{out}"], "cut.joblib cannot be read as a model"),
         (["transfer", "{model}", "{new}", "--values", "no.csv", "-o", "{out}"], "values no.csv"),
@@ -627,13 +629,14 @@ def test_what_is_wrong_is_told_in_one_line(place, tmp_path, capsys, arguments, m
     (tmp_path / "out.txt").write_text("no mesh")
     (tmp_path / "empty").mkdir()
     joblib.dump(load_model(place.model)[-1], tmp_path / "learner.joblib")
+    joblib.dump(PartialMatcher(load_model(place.model)), tmp_path / "parts.joblib")
     joblib.dump(np.ones(3), tmp_path / "array.joblib")
     (tmp_path / "cut.joblib").write_bytes((tmp_path / "array.joblib").read_bytes()[:20])
     names = {
         **vars(place),
         "out": tmp_path / "out",
         "empty": tmp_path / "empty",
-        **{name: tmp_path / f"{name}.joblib" for name in ("learner", "array", "cut")},
+        **{name: tmp_path / f"{name}.joblib" for name in ("learner", "parts", "array", "cut")},
     }
     assert run(*(one.format(**names) for one in arguments), "--quiet") == 2
     captured = capsys.readouterr()

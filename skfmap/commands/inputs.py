@@ -12,6 +12,7 @@ from skfmap._tools.unwrap import last_step
 from skfmap._tools.warn import warn
 from skfmap.exceptions import SkippedShapeWarning
 from skfmap.io import READ_SUFFIXES, unread_formats
+from skfmap.partial.matcher import PartialMatcher
 from skfmap.persistence import load_model, save_model
 from skfmap.shapes import SkippedShape
 
@@ -72,6 +73,11 @@ def read_model(path: Path) -> Any:
     if path.suffix.lower() in READ_SUFFIXES:
         raise ValueError(f"{path} is a mesh, and the model comes first, as MODEL {path}.")
     model = _unpickled(path) if path.suffix.lower() in PICKLED else load_model(path)
+    if isinstance(model, PartialMatcher):
+        raise ValueError(
+            f"{path} holds a PartialMatcher, which the commands do not take; call skfmap.match in "
+            "Python, or save its estimator_ to match whole shapes here."
+        )
     try:
         learner = last_step(model)
     except TypeError as error:
