@@ -130,7 +130,7 @@ def test_a_mesh_whose_basis_does_not_converge_is_left_out(monkeypatch):
     ball = Mesh(points, ConvexHull(points).simplices.astype(np.int64), name="ball")
     with pytest.warns(SkippedShapeWarning, match="ball"):
         (skipped,) = SpectralBasis(120, on_invalid="skip").transform([ball])
-    assert "No eigenbasis for mesh 'ball'" in skipped.reason
+    assert "The eigenbasis of mesh 'ball' cannot be computed" in skipped.reason
     assert "did not converge" in skipped.reason
 
 
@@ -172,5 +172,5 @@ def test_nearly_as_many_functions_as_vertices(n_components):
 def test_an_eigen_solver_that_does_not_converge_is_an_error(monkeypatch):
     monkeypatch.setattr(module, "_MOST", 1.05)
     monkeypatch.setattr(module, "_FIRST_LOOK", 1.0)
-    with pytest.raises(MeshError, match=r"No eigenbasis for mesh.*did not converge"):
+    with pytest.raises(MeshError, match=r"The eigenbasis of mesh .*did not converge"):
         SpectralBasis(40).transform([make_sphere(4)])

@@ -28,7 +28,7 @@ def mirrored(collection):
 def test_a_new_mirrored_shape_is_found_out(fitted, mirrored, probed):
     with pytest.warns(
         OrientationWarning,
-        match=r"better: X\[0\] \('mirrored body4'\), X\[2\] \('mirrored body5'\)\.",
+        match=r"mirror images: X\[0\] \('mirrored body4'\), X\[2\] \('mirrored body5'\)\.",
     ):
         fitted.match([mirrored[0], probed[5], mirrored[1]])
 

@@ -614,7 +614,7 @@ def test_too_few_shapes(creatures, pipeline):
 
 def test_three_shapes_are_few_and_a_weight_of_nothing_leaves_one_out(creatures, pipeline, scan):
     model = PartialMatcher(pipeline, cuts="planes", n_cuts=1, n_calibrated=1)
-    with pytest.warns(StabilityWarning, match="from 2 shapes beside the reference") as told:
+    with pytest.warns(StabilityWarning, match="from 2 shapes besides the reference") as told:
         model.fit(creatures.meshes[:4], creatures.correspondences[:4], [0, 1, 0, 1])
     assert len(told) == 1
     assert len(model.areas_) == 3

@@ -1,4 +1,4 @@
-"""Parts of triangle meshes: what lies on one side of a level, and what is seen from somewhere."""
+"""Parts of triangle meshes: superlevel sets of functions, visible faces and components."""
 
 import numpy as np
 import scipy.sparse as sp
@@ -9,29 +9,29 @@ from skfmap.geometry.faults import components
 
 __all__ = ["clip", "keep_faces", "rim_length", "smooth_mask", "visible_faces", "without_crumbs"]
 
-# Share of an edge from its ends within which no level cuts it: slivers would be left.
+# Minimum distance of a cut from the ends of an edge, as a fraction of its length, to avoid slivers.
 _FROM_ENDS = 0.05
-# Points on a face and its edges that are drawn into the depth buffer, by steps along its edges.
+# Maximum number of steps along an edge between points of a face in the depth buffer.
 _MOST_STEPS = 12
 
 
 def clip(vertices: FloatArray, faces: IntArray, values: FloatArray) -> tuple[FloatArray, IntArray]:
     """Return the part of a mesh where a function is not negative.
 
-    The function is linear on faces, which are cut where it is 0, so that the rim of the part does
-    not follow edges of the mesh.
+    The function is linear on each face. Faces are cut where it is 0, so that the rim of the part
+    does not follow edges of the mesh.
 
     Parameters
     ----------
     vertices, faces : ndarray of shape (n_vertices, 3), ndarray of int, shape (n_faces, 3)
         A triangle mesh.
     values : ndarray of shape (n_vertices,)
-        The function.
+        Values of the function.
 
     Returns
     -------
     vertices, faces : ndarray of shape (n, 3), ndarray of int, shape (m, 3)
-        The part; faces are wound as those of the mesh.
+        The part; its faces are wound like those of the mesh.
 
     Examples
     --------
@@ -45,7 +45,7 @@ def clip(vertices: FloatArray, faces: IntArray, values: FloatArray) -> tuple[Flo
     inside = values >= 0
     count = inside[faces].sum(axis=1)
     whole = faces[count == 3]
-    # The corner that is alone on its side comes first, then the other two as they are wound.
+    # The corner that is alone on its side comes first; the order of winding is kept.
     one, two = (_turned(faces[count == n], inside, alone) for n, alone in ((1, True), (2, False)))
     edges = np.concatenate([one[:, [0, 1]], one[:, [0, 2]], two[:, [0, 1]], two[:, [0, 2]]])
     ends, back = np.unique(np.sort(edges, axis=1), axis=0, return_inverse=True)
@@ -63,13 +63,13 @@ def clip(vertices: FloatArray, faces: IntArray, values: FloatArray) -> tuple[Flo
 
 
 def _turned(faces: IntArray, inside: BoolArray, alone: bool) -> IntArray:
-    """Return faces turned so that the corner whose side is ``alone`` comes first."""
+    """Return faces rotated so that the corner whose side is ``alone`` comes first."""
     first = np.argmax(inside[faces] == alone, axis=1) if len(faces) else np.zeros(0, dtype=int)
     return np.take_along_axis(faces, (first[:, None] + np.arange(3)) % 3, axis=1)
 
 
 def _crossings(vertices: FloatArray, values: FloatArray, ends: IntArray) -> FloatArray:
-    """Return where the function is 0 on edges, not too near their ends."""
+    """Return where the function is 0 on edges, but not too near their ends."""
     a, b = values[ends[:, 0]], values[ends[:, 1]]
     share = np.clip(a / np.where(a == b, 1.0, a - b), _FROM_ENDS, 1 - _FROM_ENDS)[:, None]
     return (1 - share) * vertices[ends[:, 0]] + share * vertices[ends[:, 1]]
@@ -78,14 +78,14 @@ def _crossings(vertices: FloatArray, values: FloatArray, ends: IntArray) -> Floa
 def keep_faces(
     vertices: FloatArray, faces: IntArray, kept: BoolArray
 ) -> tuple[FloatArray, IntArray]:
-    """Return some faces of a mesh, with their vertices alone.
+    """Return some faces of a mesh, with only the vertices that they use.
 
     Parameters
     ----------
     vertices, faces : ndarray of shape (n_vertices, 3), ndarray of int, shape (n_faces, 3)
         A triangle mesh.
     kept : ndarray of bool, shape (n_faces,)
-        Which faces.
+        Which faces to keep.
     """
     used, numbers = np.unique(faces[kept], return_inverse=True)
     return vertices[used], numbers.reshape(-1, 3)
@@ -94,14 +94,14 @@ def keep_faces(
 def without_crumbs(
     vertices: FloatArray, faces: IntArray, least_area: float
 ) -> tuple[FloatArray, IntArray]:
-    """Return a mesh without the pieces that are smaller than an area; the largest always stays.
+    """Return a mesh without components smaller than an area; the largest is always kept.
 
     Parameters
     ----------
     vertices, faces : ndarray of shape (n_vertices, 3), ndarray of int, shape (n_faces, 3)
         A triangle mesh.
     least_area : float
-        In squared units of the coordinates.
+        Minimum area, in squared units of the coordinates.
     """
     label = components(faces, len(vertices))[faces[:, 0]]
     areas = np.bincount(label, _areas(vertices, faces))
@@ -110,7 +110,7 @@ def without_crumbs(
 
 
 def rim_length(vertices: FloatArray, faces: IntArray) -> float:
-    """Return the length of the edges that only one face has.
+    """Return the total length of the edges that belong to only one face.
 
     Examples
     --------
@@ -135,18 +135,18 @@ def visible_faces(
 ) -> BoolArray:
     """Return which faces a distant scanner sees, shape (n_faces,).
 
-    Those that are turned to it and are not behind others, by a depth buffer.
+    These are the faces that are turned towards it and are not behind others in a depth buffer.
 
     Parameters
     ----------
     vertices, faces : ndarray of shape (n_vertices, 3), ndarray of int, shape (n_faces, 3)
         A triangle mesh, wound outwards.
     direction : ndarray of shape (3,)
-        From the mesh towards the scanner.
+        Direction from the mesh towards the scanner.
     n_pixels : int
-        Of the buffer, along the largest extent.
+        Number of pixels of the buffer along the largest extent.
     grazing : float
-        Least cosine of the angle between a face and the direction.
+        Minimum cosine of the angle between the normal of a face and the direction.
     """
     towards = direction / np.linalg.norm(direction)
     across = np.linalg.svd(towards[None])[2][1:]
@@ -169,7 +169,7 @@ def visible_faces(
 
 
 def _grid(on_screen: FloatArray, faces: IntArray) -> FloatArray:
-    """Return weights of corners that leave no pixel of the largest faces out, shape (n, 3)."""
+    """Return barycentric weights dense enough for all pixels of the largest faces, (n, 3)."""
     corners = on_screen[faces]
     longest = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max()
     n = int(np.clip(np.ceil(longest), 1, _MOST_STEPS))
@@ -183,9 +183,9 @@ def _areas(vertices: FloatArray, faces: IntArray) -> FloatArray:
 
 
 def smooth_mask(faces: IntArray, n_vertices: int, kept: BoolArray, n_rounds: int = 3) -> FloatArray:
-    """Return a function on vertices whose zero lies about the rim of some faces.
+    """Return a function on vertices whose zero level set follows the rim of the kept faces.
 
-    Shares of faces that are kept, averaged over neighbours, less a half.
+    It is the fraction of kept faces, averaged over neighbours, minus 0.5.
     """
     ends = faces.ravel()
     touching = sp.coo_array(

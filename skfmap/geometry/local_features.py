@@ -1,4 +1,4 @@
-"""What a surface looks like around each of its points, in lengths that a scan and a body share."""
+"""Local features of the vertices of a surface, at fixed scales."""
 
 from collections.abc import Sequence
 
@@ -15,34 +15,34 @@ from skfmap.geometry.normals import vertex_normals
 
 __all__ = ["local_features", "rim_distances"]
 
-# Rounds of implicit diffusion to each scale: one alone has a long tail.
+# Number of implicit diffusion steps to each scale: the kernel of a single step has a long tail.
 _STEPS = 2
 
 
 def local_features(
     vertices: FloatArray, faces: IntArray, scales: Sequence[float], reach: float
 ) -> FloatArray:
-    """Return features of the surroundings of each vertex that moving a shape does not change.
+    """Return local features of each vertex that are invariant to rigid motions.
 
-    Coordinates, their products and normals are averaged by heat that spreads from a vertex along
-    the surface. How the averages lie about the vertex and its normal, and how they turn from scale
-    to scale, left or right, is what the features tell. None of them asks for more of the surface
-    than lies within a few times the largest scale.
+    Coordinates, their products and normals are averaged by heat diffusion along the surface. The
+    features describe these averages relative to the vertex and its normal, and how they rotate from
+    scale to scale, to the left or right. They depend only on the surface within a few times the
+    largest scale.
 
     Parameters
     ----------
     vertices, faces : ndarray of shape (n_vertices, 3), ndarray of int, shape (n_faces, 3)
-        A triangle mesh, of one piece or several.
+        A triangle mesh, with one or more components.
     scales : sequence of float
-        How far heat spreads (standard deviation along a line), ascending, in units of the
+        Diffusion distances (standard deviation along a line), ascending, in units of the
         coordinates.
     reach : float
-        Distance from the rim beyond which it does not count, in the same units.
+        Distance at which the feature "distance from the rim" is clipped, in the same units.
 
     Returns
     -------
     ndarray of shape (n_vertices, n_features)
-        Free of units.
+        Dimensionless features.
     """
     stiffness, mass = robust_mesh_laplacian(vertices, faces)
     normals = vertex_normals(vertices, faces)
@@ -63,7 +63,7 @@ def local_features(
 
 
 def rim_distances(vertices: FloatArray, faces: IntArray) -> FloatArray:
-    """Return how far each vertex is from the rim along edges; infinite where there is none."""
+    """Return the distance of each vertex from the rim along edges; infinite if there is no rim."""
     rim = np.flatnonzero(boundary_vertices(faces, len(vertices)))
     if not len(rim):
         return np.full(len(vertices), np.inf)
@@ -75,7 +75,7 @@ def rim_distances(vertices: FloatArray, faces: IntArray) -> FloatArray:
 def _diffused(
     stiffness: SparseMatrix, mass: FloatArray, values: FloatArray, time: float
 ) -> FloatArray:
-    """Return values after heat has spread for a time, by implicit steps."""
+    """Return values after heat diffusion for a time, by implicit steps."""
     diagonal = sp.diags_array(mass)
     solver = splu((diagonal + (time / _STEPS) * stiffness).tocsc())
     for _ in range(_STEPS):
@@ -91,7 +91,7 @@ def _products(vertices: FloatArray) -> FloatArray:
 def _features(
     vertices: FloatArray, normals: FloatArray, spread: FloatArray, scale: float
 ) -> tuple[list[FloatArray], FloatArray]:
-    """Return features at one scale, and where the means of the coordinates lie from vertices."""
+    """Return features at one scale, and offsets of the mean coordinates from the vertices."""
     mean, normal = spread[:, :3], spread[:, 9:12]
     offset = (mean - vertices) / scale
     covariance = np.zeros((len(vertices), 3, 3))
@@ -125,7 +125,7 @@ def _features(
 
 
 def _turns(offsets: list[FloatArray], normals: FloatArray) -> list[FloatArray]:
-    """Return how means at one scale lie to those at others: their products and their turns."""
+    """Return scalar and triple products of the mean offsets at each pair of scales."""
     found = []
     for i, one in enumerate(offsets):
         for other in offsets[i + 1 :]:
@@ -137,7 +137,7 @@ def _turns(offsets: list[FloatArray], normals: FloatArray) -> list[FloatArray]:
 def _context(
     stiffness: SparseMatrix, mass: FloatArray, local: FloatArray, scales: Sequence[float]
 ) -> FloatArray:
-    """Return the features averaged over surroundings, at every other scale."""
+    """Return the features averaged over neighbourhoods, at every other scale."""
     return np.column_stack(
         [_diffused(stiffness, mass, local, scale**2 / 2) for scale in scales[2::2]]
     )

@@ -1,4 +1,4 @@
-"""Maps from one new shape to another, without the detour over the reference's vertices."""
+"""Maps from one new shape to another that are not composed over the reference's vertices."""
 
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
@@ -29,19 +29,20 @@ from skfmap.shapes.usable import ProbedItem, Usable
 
 __all__ = ["OnReference", "check_wanted", "match_pairs", "matched_once", "only_wanted"]
 
-# Steps in which the embeddings of two shapes are fitted to each other. Errors of cats left out,
-# times 100, over three folds: none 2.68, 2.26, 2.97; 1: 2.60, 2.23, 2.92; 2: 2.55, 2.22, 2.89; 3:
-# 2.52, 2.21, 2.88. Steps in which one shape alone moves take more than twice as many.
+# Number of steps in which the embeddings of two shapes are fitted to each other. Errors on held-out
+# cats, times 100, over three folds: no step 2.68, 2.26, 2.97; one 2.60, 2.23, 2.92; two 2.55, 2.22,
+# 2.89; three 2.52, 2.21, 2.88. If only one shape is moved, more than twice as many are needed.
 _STEPS = 2
-# Share of the largest coordinate within which the reference's points are the same.
+# Points of the reference are the same if they differ by less than this fraction of the largest
+# coordinate.
 _SAME = 1e-6
 
 
 class OnReference(NamedTuple):
-    """A shape matched to the reference, and how: what all of its pairs have in common.
+    """A shape matched to the reference, with what all of its pairs have in common.
 
-    ``places`` says where its vertices lie on the reference's working mesh; None where the embedding
-    tells.
+    ``places`` are the positions of its vertices on the reference's working mesh, or None if all
+    shapes share one embedding.
     """
 
     shape: ProbedShape
@@ -51,14 +52,14 @@ class OnReference(NamedTuple):
 
 
 def check_wanted(pairs: Iterable[tuple[int, int]] | None, n_shapes: int) -> list[tuple[int, int]]:
-    """Return the pairs of indices that are wanted: all of different shapes by default.
+    """Return the requested pairs of indices, by default all pairs of different shapes.
 
     Raises
     ------
     TypeError
         If ``pairs`` does not hold pairs of integers.
     ValueError
-        If one of them is not an index of a shape.
+        If one of them is not the index of a shape.
     """
     if pairs is None:
         return list(permutations(range(n_shapes), 2))
@@ -81,7 +82,7 @@ def check_wanted(pairs: Iterable[tuple[int, int]] | None, n_shapes: int) -> list
 
 
 def only_wanted(usable: Usable, wanted: Sequence[tuple[int, int]]) -> Usable:
-    """Return the usable shapes that stand in a pair."""
+    """Return the usable shapes that occur in a pair."""
     asked = {index for pair in wanted for index in pair}
     kept = [row for row, index in enumerate(usable.indices) if index in asked]
     return usable._replace(
@@ -100,17 +101,17 @@ def matched_once(
     Parameters
     ----------
     matcher, confidence : Matcher, Confidence or None
-        What was learned.
+        The fitted models.
     shapes : sequence of ProbedShape
         The shapes.
     n_jobs : int or None
-        How many at a time.
+        Number of shapes processed in parallel.
     """
     arguments = ((matcher, confidence, shape) for shape in shapes)
     matched = map_shapes(_match_once, arguments, n_jobs=n_jobs, verbose=0, prefer="threads")
     first = next(iter(matched), None)
     if first is not None and all(_share_embedding(one, first) for one in matched):
-        # One copy of the reference's points is enough.
+        # Keep one copy of the reference's points.
         points_0 = first.after.points_0
         return [one._replace(after=one.after._replace(points_0=points_0)) for one in matched]
     placed = map_shapes(
@@ -136,23 +137,23 @@ def match_pairs(
     Parameters
     ----------
     matcher, confidence : Matcher, Confidence or None
-        What was learned.
+        The fitted models.
     matched, skipped : dict
-        Shapes that can be used, and the others, by index.
+        Shapes that can be used, and those that cannot, by index.
     wanted : sequence of (int, int)
-        From which shape to which.
+        Indices (i, j), for a map from shape i to shape j.
     n_jobs : int or None
-        How many pairs at a time.
+        Number of pairs processed in parallel.
 
     Returns
     -------
     list of Match
-        In the order of ``wanted``.
+        Matches in the order of ``wanted``.
     """
     known = [pair for pair in wanted if pair[0] in matched and pair[1] in matched]
     given = [one.shape for one in matched.values()]
     targets = {j: given_reference(matched[j].shape, given) for j in {j for _, j in known}}
-    # One search finds the way there and the way back.
+    # One search finds the maps in both directions.
     once = dict.fromkeys((min(pair), max(pair)) for pair in known)
     asked = set(known)
     arguments = (
@@ -192,7 +193,7 @@ def _match_once(matcher: Matcher, confidence: Confidence | None, shape: ProbedSh
 
 
 def _share_embedding(one: OnReference, other: OnReference) -> bool:
-    """Tell whether both were matched to the same points of the reference."""
+    """Return whether both shapes were matched to the same points of the reference."""
     a, b = one.after.points_0, other.after.points_0
     return a is b or (a.shape == b.shape and bool(np.abs(a - b).max() <= _SAME * np.abs(b).max()))
 
@@ -203,7 +204,7 @@ def _match_pair(
     both: tuple[OnReference, OnReference],
     targets: tuple[GivenReference | None, GivenReference | None],
 ) -> tuple[Match | None, Match | None]:
-    """Return the match from the first shape to the second, and that back, if they are wanted."""
+    """Return the matches between two shapes in both directions, or None if not requested."""
     one, other = both
     rows_i, rows_j, p2p, inverse = _points_matched(one, other)
     there, back = (rows_i, rows_j, p2p, inverse), (rows_j, rows_i, inverse, p2p)
@@ -219,12 +220,13 @@ _Points = tuple[FloatArray, FloatArray, IntArray, IntArray]
 
 
 def _points_matched(one: OnReference, other: OnReference) -> _Points:
-    """Return the points of both shapes in one space, and the point maps there and back.
+    """Return the points of both shapes in one space, and the point maps in both directions.
 
-    On each shape lies the reference, or its embedding is one for all.
+    The space is made from the reference laid onto each shape, or is the shared embedding.
     """
     if one.places is not None and other.places is not None:
-        # Where each point of a shape is as the reference lies on the other, and where it is.
+        # Each point has its position on its own shape, and the one it has on the other shape by
+        # way of the laid reference.
         there = np.asarray(one.places @ other.after.points_0, dtype=np.float64)
         back = np.asarray(other.places @ one.after.points_0, dtype=np.float64)
         rows_i = np.hstack([there, one.after.points_i])
@@ -246,7 +248,7 @@ def _points_matched(one: OnReference, other: OnReference) -> _Points:
 def _fitted(
     one: OnReference, rows_j: FloatArray, other: OnReference, p2p: IntArray, inverse: IntArray
 ) -> FloatArray:
-    """Return functions on S_i, of those that it was matched in, nearest to the embedding of S_j."""
+    """Return functions in the span of the eigenfunctions of S_i, fitted to the embedding of S_j."""
     spectral, spectral_j = one.shape.spectral, other.shape.spectral
     evecs = spectral.evecs[:, : rows_j.shape[1]]
     coefficients = map_from_point_maps(evecs, rows_j, spectral.mass, spectral_j.mass, p2p, inverse)
@@ -261,7 +263,7 @@ def _match_of(
     points: _Points,
     target: GivenReference,
 ) -> Match:
-    """Return the match from one shape to the other, on their given meshes."""
+    """Return the match from one shape to another, on their given meshes."""
     spectral, spectral_j = one.shape.spectral, other.shape.spectral
     C = _functional_map(spectral, spectral_j, len(matcher.stable_basis), points)
     found = PointMatch(C, None, *points)
@@ -298,7 +300,7 @@ def _functional_map(
 def _trusted(
     match: Match, one: OnReference, other: OnReference, confidence: Confidence | None
 ) -> Match:
-    """Return the match with the errors and confidences of both ways to the reference, combined."""
+    """Return the match with errors and confidences combined from both matches to the reference."""
     first, second = one.found.match, other.found.match
     if confidence is None or first.expected_error is None or second.expected_error is None:
         return match
@@ -323,7 +325,7 @@ def _both(first: bool | None, second: bool | None) -> bool | None:
 
 
 def _no_match(matcher: Matcher, one: ProbedItem, other: ProbedItem, *, assessed: bool) -> Match:
-    """Return the answer for a pair with a shape that cannot be used: -1 and NaN."""
+    """Return the match of a pair with an unusable shape, filled with -1 and NaN."""
     return replace(
         blank_match(matcher, _n_given(one), _n_given(other), assessed=assessed),
         name=one.name,

@@ -1,4 +1,4 @@
-"""Parts of shapes: scans with pieces missing, matched to the whole reference."""
+"""Matching of incomplete scans to the whole reference."""
 
 from skfmap.partial.cuts import Cut, DiscCut, LimbCut, PlaneCut, ViewCut
 

@@ -1,4 +1,4 @@
-"""The match of a part, on the vertices that it came with, from the reference laid onto it."""
+"""The match of a part, on its given vertices, from the reference laid onto it."""
 
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -30,21 +30,21 @@ __all__ = [
     "with_meshes",
 ]
 
-# Farther than this from the laid reference, in sqrt(area), a point belongs to nothing.
+# Distance from the laid reference, in sqrt(area), beyond which a point is left unmatched.
 _NOTHING = 0.08
 
 
 class Knowledge(NamedTuple):
-    """What answers are made from.
+    """The fitted models that matches of parts are computed with.
 
     Attributes
     ----------
     learner : WeightedFunctionalMapLearner
-        Of whole shapes.
+        Learner of whole shapes.
     target : GivenReference
-        The reference as it was given.
+        The reference as given.
     body, trust : Body, PartTrust
-        What parts taught.
+        What was learned from parts.
     """
 
     learner: Any
@@ -55,20 +55,20 @@ class Knowledge(NamedTuple):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Part:
-    """A part as it was given, in units of sqrt(area) of the reference, which was laid onto it.
+    """A part as given, in units of sqrt(area) of the reference, with the reference laid onto it.
 
     Attributes
     ----------
     vertices, faces : ndarray of shape (n_vertices, 3), ndarray of int, shape (n_faces, 3)
-        As they were given, broken ones among them.
+        The given mesh, including faces that cannot be used.
     scan : Scan
-        What was worked on.
+        The working mesh.
     laid : LaidOnPart
-        The reference.
+        The reference laid onto the working mesh.
     unit : float
-        What the lengths were divided by.
+        Length that the coordinates were divided by.
     side : {"right", "inside out", "mirrored", "negated"}
-        As `Sides.of` says; faces that are inside out have been turned.
+        Result of `Sides.of`; faces that were inside out have been reversed.
     scale : float or None
         Estimated factor from the units of the part to those of the training shapes.
     """
@@ -83,7 +83,7 @@ class Part:
 
     @property
     def is_itself(self) -> bool:
-        """Whether it was matched as what it is, and not as its mirror image."""
+        """Whether the part does not seem to be mirrored."""
         return self.side in ("right", "inside out")
 
     @cached_property
@@ -93,27 +93,27 @@ class Part:
 
     @cached_property
     def normals(self) -> FloatArray:
-        """Of all vertices."""
+        """Normals of all vertices."""
         return vertex_normals(np.nan_to_num(self.vertices), self.sound)
 
 
 def arrays_of(item: MeshLike, i: int) -> tuple[FloatArray, IntArray]:
-    """Return vertices and faces of the mesh at an index of X, as they were given."""
+    """Return the given vertices and faces of the mesh at an index of X."""
     given = as_arrays(item, i)
     return (given.vertices, given.faces) if isinstance(given, Mesh) else given
 
 
 def matched_part(known: Knowledge, part: Part, name: str | None) -> Match:
-    """Return the match of a part; -1 and NaN at vertices that belong to nothing.
+    """Return the match of a part, with -1 and NaN at vertices that are left unmatched.
 
     Parameters
     ----------
     known : Knowledge
-        What was learned.
+        The fitted models.
     part : Part
         The part.
     name : str or None
-        Its name.
+        Name of the part.
     """
     learner, scan, laid = known.learner, part.scan, part.laid
     spectral_0, n_i = learner.reference_.spectral, len(part.vertices)
@@ -161,7 +161,7 @@ def matched_part(known: Knowledge, part: Part, name: str | None) -> Match:
 
 
 def nothing_said(learner: Any, item: MeshLike, i: int) -> Match:
-    """Return the answer where nothing can be said: -1 and NaN."""
+    """Return the match of a scan that cannot be matched, filled with -1 and NaN."""
     spectral_0 = learner.reference_.spectral
     n_i, n_0 = n_vertices_of(item), spectral_0.n_given
     return replace(
@@ -175,7 +175,10 @@ def nothing_said(learner: Any, item: MeshLike, i: int) -> Match:
 
 
 def all_covered(match: Match) -> Match:
-    """Return a match of a whole shape, which covers all; nothing is known of one without any."""
+    """Return the match of a whole shape as one that covers the whole reference.
+
+    If the shape has no match, it covers nothing, with unknown probability.
+    """
     n_0, known = len(match.inverse), bool((match.p2p >= 0).any())
     return replace(
         match,
@@ -185,7 +188,7 @@ def all_covered(match: Match) -> Match:
 
 
 def with_meshes(match: Match, item: MeshLike, i: int, reference: SpectralShape) -> Match:
-    """Return the match of what is no whole shape, with its mesh and that of the reference."""
+    """Return a match together with the given mesh of its scan and that of the reference."""
     vertices, faces = arrays_of(item, i)
     content = hash_of_arrays(vertices, faces)
     given = GivenMesh(match.name, len(vertices), len(faces), content, item)
@@ -193,7 +196,7 @@ def with_meshes(match: Match, item: MeshLike, i: int, reference: SpectralShape) 
 
 
 def _corners(target: GivenReference, working: IntArray) -> tuple[IntArray, FloatArray]:
-    """Return vertices of the given reference, and weights, at vertices of the working one."""
+    """Return corners and weights on the given reference, at vertices of the working one."""
     if target.is_working:
         return working[:, None], np.ones((len(working), 1))
     mesh = target.shape.mesh
@@ -204,7 +207,7 @@ def _corners(target: GivenReference, working: IntArray) -> tuple[IntArray, Float
 def _matrix(
     rows: IntArray, corners: IntArray, weights: FloatArray, shape: tuple[int, int]
 ) -> SparseMatrix:
-    """Return the point map as a matrix, with weights at the corners of the faces of places."""
+    """Return the point map as a matrix of weights at the corners of the matched faces."""
     at = np.repeat(rows, weights.shape[1]), corners.ravel()
     matrix = sp.coo_array((weights.ravel(), at), shape=shape).tocsr()
     matrix.eliminate_zeros()

@@ -1,4 +1,4 @@
-"""Maps from one new shape to another where some of them are parts: through the reference."""
+"""Maps between two new shapes, through the reference, if at least one of them is a part."""
 
 from dataclasses import replace
 from typing import Any, NamedTuple
@@ -17,22 +17,22 @@ from skfmap.shapes import Match
 
 __all__ = ["OnReference", "between_parts", "no_pair", "part_on_reference", "whole_on_reference"]
 
-# How far apart opposite normals are, in sqrt(area), as where parts are matched to the reference.
+# Weight of normals beside coordinates, in sqrt(area), as for matches of parts to the reference.
 _NORMALS = 0.03
 
 
 class OnReference(NamedTuple):
-    """A shape matched to the reference, and the reference as it lies on the shape.
+    """A shape matched to the reference, and the reference laid onto the shape.
 
     Attributes
     ----------
     match : Match
-        From the shape to the reference, with places in ``matrix``.
+        Match from the shape to the reference, with places in ``matrix``.
     points : ndarray of shape (n_vertices, 6)
-        Coordinates, in sqrt(area) of the reference, and normals, in what they count, of the
-        vertices of the shape.
+        Coordinates of the vertices of the shape, in sqrt(area) of the reference, and their
+        weighted normals.
     points_0 : ndarray of shape (n_vertices_0, 6)
-        The same of the vertices of the reference as it lies on the shape.
+        The same for the vertices of the reference laid onto the shape.
     """
 
     match: Match
@@ -46,7 +46,7 @@ class OnReference(NamedTuple):
 
 
 def part_on_reference(known: Knowledge, part: Part, match: Match) -> OnReference:
-    """Return what pairs of a part need."""
+    """Return what is needed to match pairs that include a part."""
     spectral_0, faces_0 = known.learner.reference_.spectral, known.body.regions.faces
     laid = part.laid.vertices
     points_0 = spectral_0.prolong(_with_normals(laid, vertex_normals(laid, faces_0)), 0.0)
@@ -54,7 +54,7 @@ def part_on_reference(known: Knowledge, part: Part, match: Match) -> OnReference
 
 
 def whole_on_reference(vertices: FloatArray, faces: IntArray, match: Match) -> OnReference:
-    """Return what pairs of a whole shape need; its coordinates are scaled to unit area."""
+    """Return what is needed to match pairs of a part and a whole shape, scaled to unit area."""
     sound = faces[sound_faces(vertices, faces)]
     vertices = vertices / np.sqrt(area_and_rim(vertices, sound)[0])
     points = _with_normals(vertices, vertex_normals(np.nan_to_num(vertices), sound))
@@ -65,19 +65,20 @@ def whole_on_reference(vertices: FloatArray, faces: IntArray, match: Match) -> O
 def between_parts(one: OnReference, other: OnReference) -> Match:
     """Return the match from one shape to another.
 
-    A vertex of the one is sought where the reference, as it lies on the other, carries its place,
-    and where the place of a vertex of the other is carried onto the one: both have to agree.
+    The reference laid onto S_j carries each vertex of S_i to a position on S_j, and the reference
+    laid onto S_i carries each vertex of S_j to a position on S_i. Nearest neighbours are found in
+    both sets of coordinates at once, so that both directions agree.
 
     Parameters
     ----------
     one, other : OnReference
-        S_i and S_j; some of the two is a part.
+        S_i and S_j; at least one of them is a part.
 
     Returns
     -------
     Match
-        From S_i to S_j: ``p2p`` is -1 at vertices of S_i that S_j does not show, and ``covered``
-        tells which vertices of S_j the other shows.
+        Match from S_i to S_j: ``p2p`` is -1 at vertices of S_i that S_j does not show, and
+        ``covered`` says which vertices of S_j are shown by S_i.
     """
     first, second = one.match, other.match
     seen_i, _ = _seen(one, other)
@@ -116,7 +117,7 @@ def between_parts(one: OnReference, other: OnReference) -> Match:
 
 
 def no_pair(learner: Any, one: Match, other: Match) -> Match:
-    """Return the answer for a pair of which nothing can be said: -1 and NaN."""
+    """Return the match of a pair that cannot be matched, filled with -1 and NaN."""
     n_j = len(other.p2p)
     return replace(
         blank_match(learner.matcher_, len(one.p2p), n_j, assessed=True),
@@ -135,7 +136,7 @@ def _with_normals(vertices: FloatArray, normals: FloatArray) -> FloatArray:
 
 
 def _seen(one: OnReference, other: OnReference) -> tuple[BoolArray, FloatArray]:
-    """Return which vertices of one shape the other shows, and how likely each is to be shown."""
+    """Return which vertices of one shape the other shows, and the probability of each."""
     covered: Any = other.match.covered_probability
     shown = np.asarray(one.match.matrix @ np.nan_to_num(covered))
     shown = np.where(one.known, shown, np.nan)
@@ -143,7 +144,7 @@ def _seen(one: OnReference, other: OnReference) -> tuple[BoolArray, FloatArray]:
 
 
 def _nearest(rows: FloatArray, asked: BoolArray, targets: FloatArray, known: BoolArray) -> IntArray:
-    """Return the nearest known target of each row that is asked; -1 for the others."""
+    """Return the nearest known target of each selected row, and -1 for the others."""
     found, at = np.full(len(rows), -1), np.flatnonzero(known)
     if asked.any() and len(at):
         found[asked] = at[nearest(rows[asked], targets[at])]
@@ -153,7 +154,7 @@ def _nearest(rows: FloatArray, asked: BoolArray, targets: FloatArray, known: Boo
 def _trust(
     first: Match, second: Match, p2p: IntArray
 ) -> tuple[FloatArray | None, FloatArray | None]:
-    """Return errors to expect, and confidences, of both ways together; NaN without a match."""
+    """Return expected errors and confidences of both matches combined; NaN without a match."""
     expected = confidence = None
     known = np.where(p2p >= 0, 1.0, np.nan)
     if first.expected_error is not None and second.expected_error is not None:

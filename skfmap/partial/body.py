@@ -1,4 +1,4 @@
-"""The reference and what was learned of its kind: what a part is recognised and laid on by."""
+"""The reference, divided into regions, and the models that lay it onto parts."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -21,30 +21,31 @@ from skfmap.registration import Deformation
 
 __all__ = ["Body", "LaidOnPart", "Lesson", "Regions", "shared_regions"]
 
-# Into how many regions the reference is divided.
+# Number of regions of the reference.
 _N_REGIONS = 160
-# Points of a training part that are learned from.
+# Number of points of each training part that are learned from.
 _N_LEARNED = 800
-# How far apart opposite normals are, in sqrt(area).
+# Weight of normals beside coordinates, in sqrt(area).
 _NORMALS = 0.03
-# How much the reference resists, in the end, beside what draws it, and in how many rounds, where
-# hypotheses are compared and in the end.
+# Final stiffness of the reference relative to the attraction by the scan, and the number of rounds
+# for comparing hypotheses and for the final result.
 _STIFFNESS, _FEW_ROUNDS, _ROUNDS = 0.3, 4, 9
-# Distance below which the straight line stands for the way along the reference, in sqrt(area).
+# Distance, in sqrt(area), below which straight lines approximate paths along the reference.
 _NEAR = 0.1
-# Farther than this, in sqrt(area), or turned away by more, a point does not lie on the other.
+# A point lies on another surface if it is nearer than this, in sqrt(area), and the cosine between
+# the normals is above this.
 _OFF, _AGREES = 0.04, 0.3
 
-# Where points of a part may belong: so many answers are looked for, and those are laid whose score
-# is this near to that of the best, unless their answers are this near to those of another, in
-# sqrt(area), on average.
+# Number of hypotheses. Those whose score is within this of the best one are laid, unless they are
+# this similar to an earlier one (mean distance, in sqrt(area)).
 _N_HYPOTHESES, _AS_GOOD, _ALIKE = 3, 4.0, 0.02
-# Distance in space that counts as one deviation when points are asked again, in sqrt(area), and the
-# most squared deviations.
+# Standard deviation of distances in space, in sqrt(area), when the probabilities are computed again
+# from the laid reference, and the maximum number of squared deviations.
 _NEAR_IN_SPACE, _DISTANT = 0.1, 8.0
-# How much a logarithm of the probability counts beside the share that lies off the reference.
+# Weight of the mean log-probability relative to the fraction that lies off the reference.
 _OF_LIKELIHOOD = 0.1
-# How much a distance on the reference from where a point is believed counts beside one in space.
+# Weight of the distance on the reference from the likely place of a point, relative to distances
+# in space.
 _BELIEVED = 0.2
 
 
@@ -54,11 +55,11 @@ class Regions(NamedTuple):
     Attributes
     ----------
     vertices, faces, areas : ndarray
-        Of the working mesh of the reference, at unit area.
+        Working mesh of the reference, at unit area, and areas of its vertices.
     centres : ndarray of int, shape (n_regions,)
-        Vertices.
+        Central vertex of each region.
     distances : ndarray of float32, shape (n_regions, n_vertices)
-        Along edges from each of them.
+        Distances from the centres along edges.
     """
 
     vertices: FloatArray
@@ -68,9 +69,10 @@ class Regions(NamedTuple):
     distances: npt.NDArray[np.float32]
 
     def ways(self, one: IntArray, other: IntArray) -> FloatArray:
-        """Return about how far vertices are from others along the surface.
+        """Return approximate distances along the surface between pairs of vertices.
 
-        Straight lines stand for short ways, and for others the way from the region of the first.
+        Short distances are straight lines; longer ones start at the centre of the first vertex's
+        region.
         """
         straight = np.linalg.norm(self.vertices[one] - self.vertices[other], axis=1)
         region = self.distances[:, one].argmin(axis=0)
@@ -79,23 +81,23 @@ class Regions(NamedTuple):
 
 
 def shared_regions(vertices: FloatArray, faces: IntArray, areas: FloatArray) -> Regions:
-    """Divide a mesh of unit area into regions about well-spread vertices."""
+    """Divide a mesh of unit area into regions around well-spread vertices."""
     centres, distances = farthest_vertices(vertices, faces, np.arange(len(vertices)), _N_REGIONS)
-    # Files of models hold each array once, and the reference has these.
+    # Copies, since model files store each array once and the reference has these too.
     return Regions(
         vertices.copy(), faces.copy(), areas.copy(), centres, distances.astype(np.float32)
     )
 
 
 class Lesson(NamedTuple):
-    """A part of a training shape, and where its vertices lie on the reference.
+    """A part of a training shape, with its known correspondence to the reference.
 
     Attributes
     ----------
     scan : Scan
         The part.
     vertices_0 : ndarray of int, shape (n_vertices,)
-        Vertex of the reference that each vertex lies at.
+        Vertex of the reference that each vertex corresponds to.
     covered : ndarray of bool, shape (n_vertices_0,)
         Which vertices of the reference lie on the part.
     """
@@ -106,7 +108,7 @@ class Lesson(NamedTuple):
 
     @classmethod
     def of(cls, scan: Scan, laid: FloatArray, faces: IntArray) -> Self:
-        """Return the lesson of a part of a shape that the reference was laid onto."""
+        """Return the lesson from a part of a shape that the reference was laid onto."""
         at = nearest_places(scan.vertices, laid, faces)
         vertices_0 = at.corners[np.arange(len(at.corners)), at.weights.argmax(axis=1)]
         near = scan.surface.of(laid)
@@ -115,7 +117,7 @@ class Lesson(NamedTuple):
         return cls(scan, vertices_0, covered)
 
     def rows(self) -> IntArray:
-        """Return the vertices that are learned from."""
+        """Return the vertices to learn from."""
         return self.scan.points[:_N_LEARNED]
 
 
@@ -125,23 +127,26 @@ class LaidOnPart(NamedTuple):
     Attributes
     ----------
     vertices : ndarray of shape (n_vertices_0, 3)
-        In the place of the scan, in units of sqrt(area) of the reference.
+        Vertices of the reference in the position of the scan, in units of sqrt(area) of the
+        reference.
     p2p : ndarray of int, shape (n_points,)
         Vertex of the reference for each vertex of the scan.
     away, facing : ndarray of shape (n_points,)
-        How far each is from the laid reference, and the cosine between their normals.
+        Distance of each vertex of the scan from the laid reference, and the cosine between their
+        normals.
     disagreement, belief : ndarray of shape (n_points,)
-        How far the answer is from where surroundings, made consistent, put it, and how firmly.
+        Distance, on the reference, of ``p2p`` from the likely place of each vertex, and the
+        probability of that place.
     places : ndarray of shape (n_points, 3)
-        Where on the reference they are believed to be, consistently.
+        Likely places on the reference, by the consistent probabilities.
     signs : ndarray of shape (n_vertices_0, n_signs)
-        What tells whether vertices of the reference are covered.
+        Features that predict which vertices of the reference are covered.
     off : float
-        Share of the scan that does not lie on the reference.
+        Fraction of the vertices of the scan that do not lie on the reference.
     likelihood : float
-        Mean logarithm of the probability that surroundings give the regions of the answer.
+        Mean log-probability of the matched regions, given the local features.
     strain : float
-        Mean logarithm by which edges are longer or shorter than training shapes explain.
+        Mean absolute log-ratio of edge lengths beyond what training shapes explain.
     """
 
     vertices: FloatArray
@@ -159,18 +164,19 @@ class LaidOnPart(NamedTuple):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Body:
-    """The reference, how its kind deforms, and what its surroundings look like.
+    """The reference, its deformation model, and the model that recognises its regions.
 
     Attributes
     ----------
     regions : Regions
         The reference.
     deformation : Deformation
-        Learned from training shapes, in units of sqrt(area) of the reference.
+        Deformation model of training shapes, in units of sqrt(area) of the reference.
     recogniser : Recogniser
-        Learned from their parts.
+        Model that predicts regions, learned from parts of training shapes.
     straight : tuple of ndarray of shape (n_regions, n_regions)
-        Mean and deviation of straight lines between regions, on training shapes.
+        Mean and standard deviation of straight-line distances between regions, over training
+        shapes.
     """
 
     regions: Regions
@@ -182,7 +188,7 @@ class Body:
     def learned(
         cls, regions: Regions, laid: Sequence[FloatArray], lessons: Sequence[Lesson]
     ) -> Self:
-        """Learn from training shapes that the reference was laid onto, and from their parts."""
+        """Learn from training shapes with the reference laid onto them, and from their parts."""
         deformation = Deformation.learned(regions.vertices, regions.faces, laid)
         region = regions.distances.argmin(axis=0)
         rows = [one.rows() for one in lessons]
@@ -203,9 +209,9 @@ class Body:
     def lay(self, scan: Scan) -> LaidOnPart:
         """Return the reference laid onto a scan.
 
-        By each of the hypotheses that are about as good, in a few rounds; what lies best is kept.
-        From there points are asked again, with what is near them in space in mind, and the
-        reference is laid anew.
+        The reference is laid in a few rounds from each of the best hypotheses, and the result that
+        fits best is kept. The probabilities are then computed again, with the distances to the laid
+        reference taken into account, and the reference is laid once more.
         """
         logarithms = self.recogniser.logarithms(scan.features[scan.points])
         along = scan.distances, scan.straight, self._apart, self.straight
@@ -220,7 +226,7 @@ class Body:
         return min(best, self._laid_by(scan, again, logarithms, _ROUNDS), key=_misfit)
 
     def _different(self, found: Sequence[Hypothesis]) -> list[Hypothesis]:
-        """Return the hypotheses without those that say about the same as one before them."""
+        """Return the hypotheses without those that are similar to an earlier one."""
         kept: list[Hypothesis] = []
         for one in found:
             regions = one.beliefs.argmax(axis=1)
@@ -231,7 +237,7 @@ class Body:
         return kept
 
     def _distant(self, scan: Scan, laid: LaidOnPart) -> npt.NDArray[np.float32]:
-        """Return how far regions of the laid reference are from points, squared in deviations."""
+        """Return half the squared deviations of points from regions of the laid reference."""
         centres = laid.vertices[self.regions.centres]
         away = scan.vertices[scan.points][:, None] - centres[None]
         squared = np.einsum("nkd,nkd->nk", away, away) / _NEAR_IN_SPACE**2
@@ -314,9 +320,9 @@ class Body:
         Parameters
         ----------
         points, normals, places : ndarray of shape (n_points, 3)
-            Points of a scan, and where on the reference they are believed to be.
+            Points of a scan, their normals, and their likely places on the reference.
         vertices, normals_of_vertices : ndarray of shape (n_vertices_0, 3)
-            Of the laid reference.
+            Vertices and normals of the laid reference.
         """
         return nearest_with_normals(
             np.column_stack([points, _BELIEVED * places]),
@@ -328,12 +334,12 @@ class Body:
     def _signs(
         self, scan: Scan, vertices: FloatArray, normals: FloatArray, p2p: IntArray
     ) -> FloatArray:
-        """Return what tells whether vertices of the reference are covered."""
+        """Return features that predict which vertices of the reference are covered."""
         near = scan.surface.of(vertices)
         facing = np.einsum("na,na->n", normals, near.normals)
         beside = nearest_with_normals(vertices, normals, scan.vertices, scan.normals)
         way_back = self.regions.ways(p2p[beside], np.arange(len(vertices)))
-        # What lies near an answer is shown, whatever lies near it in space.
+        # A vertex near a matched one is covered, whatever is near it in space.
         at, answers = self.regions.vertices, np.unique(p2p)
         to_answer = np.linalg.norm(at - at[answers[nearest(at, at[answers])]], axis=1)
         return np.column_stack(
@@ -352,7 +358,7 @@ class Body:
 def nearest_with_normals(
     points: FloatArray, normals: FloatArray, targets: FloatArray, normals_of_targets: FloatArray
 ) -> IntArray:
-    """Return the nearest target of each point, farther away where normals differ."""
+    """Return the nearest target of each point, by coordinates and weighted normals."""
     return nearest(
         np.column_stack([points, _NORMALS * normals]),
         np.column_stack([targets, _NORMALS * normals_of_targets]),
@@ -360,5 +366,5 @@ def nearest_with_normals(
 
 
 def _misfit(laid: LaidOnPart) -> float:
-    """Return how badly the reference lies, by space and by the surroundings of points."""
+    """Return how badly the reference fits, in space and by the local features of points."""
     return laid.off + laid.strain - _OF_LIKELIHOOD * laid.likelihood

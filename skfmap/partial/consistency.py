@@ -1,4 +1,4 @@
-"""Regions that are as far apart on the reference as points are on a scan."""
+"""Assignment of points to regions such that distances on the scan and the reference agree."""
 
 from typing import NamedTuple
 
@@ -9,34 +9,35 @@ from skfmap._tools.types import FloatArray
 
 __all__ = ["Hypothesis", "hypotheses"]
 
-# Distances, in sqrt(area), are compared by bins of this width, up to the largest.
+# Width of the bins in which distances are compared, and the largest distance, in sqrt(area).
 _BIN, _FARTHEST = 0.05, 1.0
-# By how much distances of a body differ from those of the reference: a constant, for regions are
-# not points, and a share. Ways around what is missing are longer, never shorter.
+# Standard deviation of distances on a body from those on the reference: a constant, since regions
+# are not points, and a fraction of the distance. Paths around missing parts are longer, never
+# shorter, so larger distances on the scan are tolerated by this factor.
 _CONSTANT, _SHARE, _AROUND = 0.04, 0.07, 1.6
-# By how much straight lines between pieces differ from those of training shapes beyond what these
-# differ by, in sqrt(area): there are few of them.
+# Added to the standard deviation of straight-line distances over training shapes, in sqrt(area),
+# since there are few of them. Used between components.
 _UNSEEN = 0.12
-# Largest cost of a pair of regions, in squared deviations: one of the two may be wrong.
+# Maximum cost of a pair of regions, in squared deviations: one of the two may be wrong.
 _MOST = 6.0
-# How much all pairs of a point count together beside what its surroundings tell, from the first
-# round to the last.
+# Weight of all pairs of a point together, relative to its local features, in the first and in the
+# last round, and the number of rounds.
 _FIRST, _LAST, _ROUNDS = 2.0, 25.0, 20
 
-# Regions this near to those of another hypothesis, in sqrt(area), are avoided at first, by so much
-# of a logarithm.
+# Regions within this distance, in sqrt(area), of those of an earlier hypothesis are penalised in
+# the first rounds, by this log-probability.
 _AWAY, _AVOIDED = 0.25, 6.0
 
 
 class Hypothesis(NamedTuple):
-    """Where points of a scan believe to be on the reference, consistently.
+    """Consistent probabilities of where the points of a scan lie on the reference.
 
     Attributes
     ----------
     beliefs : ndarray of shape (n_points, n_regions)
-        Probabilities of regions.
+        Probabilities of regions at each point.
     score : float
-        How well surroundings and distances agree with them; of two, the higher is better.
+        How well they agree with the local features and the distances; higher is better.
     """
 
     beliefs: npt.NDArray[np.float32]
@@ -51,33 +52,34 @@ def hypotheses(
     straight_0: tuple[FloatArray, FloatArray],
     n_hypotheses: int,
 ) -> list[Hypothesis]:
-    """Return where points of a scan may be on the reference, consistent with one another.
+    """Return consistent hypotheses of where the points of a scan lie on the reference.
 
-    Mean-field rounds on a random field: a point believes in a region by how its surroundings look,
-    and by how far the other points are from it on the scan, and their regions from the region on
-    the reference. As bodies are nearly their own images, each hypothesis begins away from those
-    before it.
+    Mean-field iterations on a Markov random field. The unary terms come from the local features of
+    each point; the pairwise terms compare the distance of two points on the scan with the distance
+    of their regions on the reference. Since many bodies are nearly symmetric, each hypothesis
+    starts away from the earlier ones.
 
     Parameters
     ----------
     logarithms : ndarray of shape (n_points, n_regions)
-        Of the probabilities that surroundings give.
+        Log-probabilities of regions given the local features.
     distances : ndarray of shape (n_points, n_samples)
         Distances along the scan from the first ``n_samples`` points, in sqrt(area) of the
-        reference; infinite between pieces.
+        reference; infinite between components.
     straight : ndarray of shape (n_points, n_samples)
-        Distances on the straight line, which are what is known between pieces.
+        Straight-line distances, which are used between components.
     distances_0 : ndarray of shape (n_regions, n_regions)
-        Distances of regions along the reference.
+        Distances between regions along the reference.
     straight_0 : tuple of ndarray of shape (n_regions, n_regions)
-        Mean and deviation of their distances on the straight line, on training shapes.
+        Mean and standard deviation of straight-line distances between regions, over training
+        shapes.
     n_hypotheses : int
-        How many.
+        Number of hypotheses.
 
     Returns
     -------
     list of Hypothesis
-        The best first.
+        Hypotheses in descending order of their scores.
     """
     n = distances.shape[1]
     costs, near, own = _costs(distances_0, straight_0), _bins(distances, straight), logarithms[:n]
@@ -100,7 +102,7 @@ def _settled(
     costs: list[npt.NDArray[np.float32]],
     avoided: npt.NDArray[np.float32],
 ) -> npt.NDArray[np.float32]:
-    """Return beliefs that do not change any more; what is avoided is so in the first rounds."""
+    """Return the probabilities after all rounds; penalties apply in the first half of them."""
     beliefs = _softmax(logarithms - avoided)
     for number, weight in enumerate(np.geomspace(_FIRST, _LAST, _ROUNDS)):
         left = np.float32(max(0.0, 1 - 2 * number / _ROUNDS))
@@ -113,10 +115,11 @@ def _settled(
 def _costs(
     distances_0: FloatArray, straight_0: tuple[FloatArray, FloatArray]
 ) -> list[npt.NDArray[np.float32]]:
-    """Return, for each bin of distances on a scan, what pairs of regions cost.
+    """Return the costs of pairs of regions for each bin of distances on a scan.
 
-    First of distances along it, then of straight lines between its pieces, than which no way is
-    shorter, and which are about as long as on training shapes.
+    The first bins are for distances along the scan. The others are for straight lines between its
+    components: no path is shorter than these, and their lengths are similar to those on training
+    shapes.
     """
     along, across = [], []
     for number in range(round(_FARTHEST / _BIN)):
@@ -131,7 +134,7 @@ def _costs(
 
 
 def _bins(distances: FloatArray, straight: FloatArray) -> list[npt.NDArray[np.float32]]:
-    """Return which pairs of points each bin holds, as shares of all pairs of a point."""
+    """Return the pairs of points in each bin, weighted so that each point has a total of 1."""
     n_bins, numbers = round(_FARTHEST / _BIN), np.full(distances.shape, -1)
     usable = (distances < _FARTHEST) & (distances > 0)
     numbers[usable] = (distances[usable] / _BIN).astype(np.int64)
@@ -146,7 +149,7 @@ def _told(
     beliefs: npt.NDArray[np.float32],
     costs: list[npt.NDArray[np.float32]],
 ) -> npt.NDArray[np.float32]:
-    """Return the mean cost of each region at each point, by what the others believe."""
+    """Return the mean cost of each region at each point, given the other points' probabilities."""
     total = np.zeros((len(near[0]), beliefs.shape[1]), dtype=np.float32)
     for pairs, cost in zip(near, costs, strict=True):
         if not pairs.any():

@@ -1,4 +1,4 @@
-"""Ways to take a part of a shape, as a scan would: what partial matching is learned from."""
+"""Cuts that leave a part of a shape, as incomplete scans do, for training partial matching."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
@@ -15,23 +15,23 @@ from skfmap.shapes import Mesh
 
 __all__ = ["CUTS", "Cut", "DiscCut", "LimbCut", "PlaneCut", "ViewCut", "make_cuts"]
 
-# Pieces below this share of the area of a mesh are left out of its part.
+# Components below this fraction of the area of the mesh are removed from its part.
 _CRUMB = 0.005
-# Views that are tried before a part is as large as it should be, and tips of limbs.
+# Maximum number of views of a part, and the number of candidates for tips of limbs.
 _MOST_VIEWS, _N_TIPS = 6, 8
 
 
 class Cut(BaseEstimator, ABC):
-    """A way to take a part of a mesh; derive from it for ways of your own.
+    """Base class of cuts that leave a part of a mesh; derive from it to define other cuts.
 
     Parameters
     ----------
     low, high : float, default=0.4, 0.9
-        Between which shares of the area are left.
+        Minimum and maximum fraction of the area that is left.
 
     See Also
     --------
-    PlaneCut, LimbCut, DiscCut, ViewCut : Those that there are.
+    PlaneCut, LimbCut, DiscCut, ViewCut : The available cuts.
 
     Examples
     --------
@@ -46,7 +46,7 @@ class Cut(BaseEstimator, ABC):
         self.high = high
 
     def check_parameters(self) -> None:
-        """Raise for parameters that cannot be used."""
+        """Raise an error for invalid parameters."""
         check_number(self.low, "low", low=0, high=1, strict=True)
         check_number(self.high, "high", low=self.low, high=1)
 
@@ -56,14 +56,14 @@ class Cut(BaseEstimator, ABC):
         Parameters
         ----------
         mesh : Mesh
-            Any.
+            The mesh to cut.
         rng : numpy.random.Generator
-            What chooses the part.
+            Generator that the part is drawn from.
 
         Returns
         -------
         Mesh
-            It lies on the surface of the mesh.
+            The part, which lies on the surface of the mesh.
         """
         share = float(rng.uniform(self.low, self.high))
         vertices, faces = self.part(mesh.vertices, mesh.faces, share, rng)
@@ -76,50 +76,50 @@ class Cut(BaseEstimator, ABC):
     def part(
         self, vertices: FloatArray, faces: IntArray, share: float, rng: np.random.Generator
     ) -> tuple[FloatArray, IntArray]:
-        """Return vertices and faces of the part.
+        """Return the vertices and faces of the part.
 
         Parameters
         ----------
         vertices, faces : ndarray of shape (n_vertices, 3), ndarray of int, shape (n_faces, 3)
             The mesh.
         share : float
-            About how much of the area is to be left.
+            Approximate fraction of the area to leave.
         rng : numpy.random.Generator
-            What chooses the part.
+            Generator that the part is drawn from.
         """
 
 
 class PlaneCut(Cut):
-    """What lies on one side of a plane.
+    """Cut by a plane, which leaves one side of it.
 
     Parameters
     ----------
     low, high : float, default=0.4, 0.9
-        Between which shares of the area are left.
+        Minimum and maximum fraction of the area that is left.
     """
 
     def part(
         self, vertices: FloatArray, faces: IntArray, share: float, rng: np.random.Generator
     ) -> tuple[FloatArray, IntArray]:
-        """Return the side of a plane of random direction; parameters as in `Cut.part`."""
+        """Return one side of a plane with a random normal; parameters as in `Cut.part`."""
         heights = vertices @ _direction(rng)
         level = _quantile(heights[faces].mean(axis=1), _areas(vertices, faces), share)
         return clip(vertices, faces, level - heights)
 
 
 class DiscCut(Cut):
-    """What lies within a distance along the surface from a point.
+    """Cut that leaves a geodesic disc around a point.
 
     Parameters
     ----------
     low, high : float, default=0.4, 0.9
-        Between which shares of the area are left.
+        Minimum and maximum fraction of the area that is left.
     """
 
     def part(
         self, vertices: FloatArray, faces: IntArray, share: float, rng: np.random.Generator
     ) -> tuple[FloatArray, IntArray]:
-        """Return the disc about a random vertex; parameters as in `Cut.part`."""
+        """Return the disc around a random vertex; parameters as in `Cut.part`."""
         start = int(rng.choice(np.unique(faces)))
         away = _along(vertices, faces, [start])[0]
         level = _quantile(away[faces].mean(axis=1), _areas(vertices, faces), share)
@@ -127,18 +127,18 @@ class DiscCut(Cut):
 
 
 class LimbCut(Cut):
-    """What is left when one, two or three limbs are missing.
+    """Cut that removes one, two or three limbs.
 
     Parameters
     ----------
     low, high : float, default=0.4, 0.9
-        Between which shares of the area are left.
+        Minimum and maximum fraction of the area that is left.
     """
 
     def part(
         self, vertices: FloatArray, faces: IntArray, share: float, rng: np.random.Generator
     ) -> tuple[FloatArray, IntArray]:
-        """Return what is far from random tips of limbs; parameters as in `Cut.part`."""
+        """Return the part far from random tips of limbs; parameters as in `Cut.part`."""
         tips = _tips(vertices, faces)
         n = int(rng.integers(1, 4))
         chosen = rng.permutation(len(tips))[:n]
@@ -149,19 +149,19 @@ class LimbCut(Cut):
 
 
 class ViewCut(Cut):
-    """What a distant scanner sees from one place, or from the next few as it is carried around.
+    """Cut that leaves what a distant scanner sees from one or several directions.
 
     Parameters
     ----------
     low, high : float, default=0.4, 0.9
-        Between which shares of the area are left. More places are scanned from until so much is
-        seen, and one at least.
+        Minimum and maximum fraction of the area that is left. Directions are added until this
+        much is seen, as if the scanner were carried around the shape; there is at least one.
     """
 
     def part(
         self, vertices: FloatArray, faces: IntArray, share: float, rng: np.random.Generator
     ) -> tuple[FloatArray, IntArray]:
-        """Return what is seen from random places; parameters as in `Cut.part`."""
+        """Return what is seen from random directions; parameters as in `Cut.part`."""
         areas = _areas(vertices, faces)
         seen = np.zeros(len(faces), dtype=bool)
         towards = _direction(rng)
@@ -185,12 +185,12 @@ CUTS: Mapping[str, tuple[Cut, ...]] = {
 
 
 def make_cuts(cuts: object) -> list[Cut]:
-    """Return the cuts that a parameter stands for: a word, a cut, or a sequence of both.
+    """Return the cuts that a parameter specifies: a name, a cut, or a sequence of both.
 
     Raises
     ------
     ValueError
-        If it is none of these.
+        If the parameter is none of these.
     """
     if isinstance(cuts, str) and cuts in CUTS:
         return list(CUTS[cuts])
@@ -208,7 +208,7 @@ def make_cuts(cuts: object) -> list[Cut]:
 
 
 def _direction(rng: np.random.Generator, near: FloatArray | None = None) -> FloatArray:
-    """Return a random direction, about a quarter turn from another if one is given."""
+    """Return a random direction; if another is given, the direction is biased towards it."""
     drawn = rng.normal(size=3)
     if near is not None:
         drawn = drawn / np.linalg.norm(drawn) + 0.3 * near
@@ -216,14 +216,14 @@ def _direction(rng: np.random.Generator, near: FloatArray | None = None) -> Floa
 
 
 def _along(vertices: FloatArray, faces: IntArray, sources: Sequence[int]) -> FloatArray:
-    """Return distances along edges; what is out of reach is farther than anything else."""
+    """Return distances along edges; unreachable vertices are farther than all others."""
     away = np.asarray(dijkstra(edge_graph(vertices, faces), directed=False, indices=sources))
     finite = np.isfinite(away)
     return np.where(finite, away, 2 * away[finite].max())
 
 
 def _tips(vertices: FloatArray, faces: IntArray) -> FloatArray:
-    """Return distances from points that are far from one another, shape (n_tips, n_vertices)."""
+    """Return distances from points far from one another, shape (n_tips, n_vertices)."""
     used = np.unique(faces)
     far = used[int(_along(vertices, faces, [int(used[0])])[0][used].argmax())]
     rows = [_along(vertices, faces, [int(far)])[0]]
@@ -239,7 +239,7 @@ def _areas(vertices: FloatArray, faces: IntArray) -> FloatArray:
 
 
 def _quantile(values: FloatArray, weights: FloatArray, share: float) -> float:
-    """Return the value below which a share of the weight lies."""
+    """Return the value below which the given fraction of the weight lies."""
     order = np.argsort(values, kind="stable")
     below = np.cumsum(weights[order])
     return float(values[order][min(np.searchsorted(below, share * below[-1]), len(values) - 1)])

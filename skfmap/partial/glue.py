@@ -1,4 +1,4 @@
-"""Parts of a shape that were scanned as one surface where they touch: a hand glued to a thigh."""
+"""Detection of parts of a shape that touch and were scanned as one surface ("glued")."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -31,27 +31,28 @@ __all__ = [
     "with_tears",
 ]
 
-# An edge is torn whose ends land farther apart than so many times its length, and this, in
-# sqrt(area). Of 22 whole cats, creatures and bodies none is torn but one that is matched wrongly.
+# An edge is torn if its ends are matched farther apart than this many times its length plus this
+# distance, in sqrt(area). Of 22 whole cats, creatures and bodies, only one has torn edges, and it
+# is matched wrongly.
 _STRETCH, _APART = 2.0, 0.2
-# Vertices that would have to move to mend a tear: fewer are noise. Islands of wrong answers below
-# this share of the area are too, and so are tears that cover less than that.
+# Tears that can be mended by moving fewer vertices than this are noise. So are islands of wrong
+# matches below this fraction of the area, and tears that cover less than the last value.
 _LEAST, _ISLAND, _LEAST_AREA = 4.0, 0.005, 0.002
 
 
 def torn_vertices(
     regions: Regions, vertices: FloatArray, faces: IntArray, answers: IntArray
 ) -> BoolArray:
-    """Return the vertices of a scan at which its map tears, shape (n_vertices,).
+    """Return which vertices of a scan lie on a tear of its map, shape (n_vertices,).
 
     Parameters
     ----------
     regions : Regions
         The reference.
     vertices, faces : ndarray of shape (n_vertices, 3), ndarray of int, shape (n_faces, 3)
-        Of the scan, in units of sqrt(area) of the reference; sound faces alone.
+        The scan, in units of sqrt(area) of the reference, without unusable faces.
     answers : ndarray of int, shape (n_vertices,)
-        Vertices of the reference; -1 where there is none.
+        Matched vertices of the reference; -1 where there is none.
     """
     torn = np.zeros(len(vertices), dtype=bool)
     edges = edges_of(faces)
@@ -75,7 +76,7 @@ def torn_vertices(
 
 
 def share_torn(vertices: FloatArray, faces: IntArray, torn: BoolArray) -> float:
-    """Return the share of the area of the faces whose corners are all torn."""
+    """Return the fraction of the area in faces whose corners are all torn."""
     areas = _areas(vertices, faces)
     return float(areas[torn[faces].all(axis=1)].sum() / areas.sum())
 
@@ -83,20 +84,21 @@ def share_torn(vertices: FloatArray, faces: IntArray, torn: BoolArray) -> float:
 def with_tears(
     known: Knowledge, vertices: FloatArray, faces: IntArray, unit: float, match: Match
 ) -> Match:
-    """Return a match that tells where it tears, and does not trust what lies there.
+    """Return a match with its tears marked, and with lower trust in the vertices on them.
 
-    A vertex on a tear belongs to one side or the other: half the way across is expected as error.
+    A vertex on a tear may belong to either side, so its expected error is at least half the
+    distance across the tear.
 
     Parameters
     ----------
     known : Knowledge
-        What was learned.
+        The fitted models.
     vertices, faces : ndarray of shape (n_vertices, 3), ndarray of int, shape (n_faces, 3)
-        Of the scan, as they were given.
+        The scan as given.
     unit : float
-        Root of the area of the reference, in the units of the coordinates.
+        Square root of the area of the reference, in the units of the coordinates.
     match : Match
-        Of the scan.
+        The match of the scan.
     """
     faces, scaled = faces[sound_faces(vertices, faces)], vertices / unit
     working = known.learner.reference_.spectral.working_vertices(match.p2p)
@@ -117,23 +119,23 @@ def with_tears(
 
 
 def tears(match: Match) -> bool:
-    """Tell whether a match tears anywhere."""
+    """Return whether a match has a tear."""
     return match.torn is not None and bool(match.torn.any())
 
 
 def tears_of_wholes(
     known: Knowledge, items: Sequence[MeshLike], found: dict[int, Match]
 ) -> tuple[dict[int, Match], list[int]]:
-    """Return matches of whole shapes that tell where they tear, and the indices of those that do.
+    """Return matches of whole shapes with their tears marked, and the indices of those that tear.
 
     Parameters
     ----------
     known : Knowledge
         What was learned.
     items : sequence of meshes
-        All that were given, in any units: whole shapes are compared at unit area.
+        All given meshes, in any units: whole shapes are compared at unit area.
     found : dict of int to Match
-        Matches, by indices.
+        Matches of the whole shapes, by index.
     """
     told = dict(found)
     for i, match in found.items():
@@ -147,16 +149,16 @@ def tears_of_wholes(
 def better_of(
     known: Knowledge, whole: dict[int, Match], laid: dict[int, Match], parts: dict[int, Part]
 ) -> dict[int, Match]:
-    """Return those matches of shapes as parts that tear less than those of the whole shapes.
+    """Return the matches of shapes as parts that tear less than their matches as whole shapes.
 
     Parameters
     ----------
     known : Knowledge
-        What was learned.
+        The fitted models.
     whole, laid : dict of int to Match
-        Matches as of whole shapes, and as of parts, by indices.
+        Matches as whole shapes and as parts, by index.
     parts : dict of int to Part
-        How the reference lies.
+        The shapes with the reference laid onto them.
     """
     return {
         i: match
@@ -168,15 +170,15 @@ def better_of(
 
 
 def warn_of_tears(found: dict[int, Match]) -> None:
-    """Warn of matches that tear, by their indices."""
+    """Warn of matches that tear, given by index."""
     told = ", ".join(
         f"{describe(i, found[i])} ({_told(found[i])})" for i in sorted(found) if tears(found[i])
     )
     if told:
         warn(
-            f"Neighbours land far apart on the reference on {told}: parts that touch were scanned "
-            "as one surface, or the match is wrong there. Match.torn marks them. Cut the scan "
-            "there, or scan it with limbs apart; do not rely on the match nearby.",
+            f"Neighbouring vertices are matched far apart on {told}: parts that touch were scanned "
+            "as one surface, or the match is wrong there. Match.torn marks these vertices. Cut the "
+            "scan there, or scan it with limbs apart; do not rely on the match nearby.",
             UnfamiliarShapeWarning,
         )
 
@@ -195,14 +197,14 @@ def _mask(match: Match) -> BoolArray:
 
 
 def _torn(regions: Regions, vertices: FloatArray, edges: IntArray, answers: IntArray) -> IntArray:
-    """Return the edges whose ends land too far apart."""
+    """Return the edges whose ends are matched too far apart."""
     lengths = np.linalg.norm(vertices[edges[:, 0]] - vertices[edges[:, 1]], axis=1)
     ways = _ways(regions, answers[edges])
     return stretched_edges(edges, lengths, ways, stretch=_STRETCH, apart=_APART)
 
 
 def _ways(regions: Regions, pairs: IntArray) -> FloatArray:
-    """Return how far apart pairs of vertices of the reference are; many pairs are alike."""
+    """Return distances between pairs of vertices of the reference, computed once for each pair."""
     pairs, back = np.unique(np.sort(pairs, axis=1), axis=0, return_inverse=True)
     one, other = pairs[:, 0], pairs[:, 1]
     ways = np.minimum(regions.ways(one, other), regions.ways(other, one))
@@ -212,7 +214,7 @@ def _ways(regions: Regions, pairs: IntArray) -> FloatArray:
 def _ways_across(
     regions: Regions, faces: IntArray, answers: IntArray, torn: BoolArray
 ) -> FloatArray:
-    """Return how far apart the ends of the longest torn edge at each vertex land; 0 elsewhere."""
+    """Return the largest distance across a torn edge at each vertex; 0 elsewhere."""
     edges = edges_of(faces)
     edges = edges[torn[edges].all(axis=1) & (answers[edges] >= 0).all(axis=1)]
     ways, across = _ways(regions, answers[edges]), np.zeros(len(answers))

@@ -1,32 +1,39 @@
-"""Whether a mesh shows a whole shape or a part of one, by its rim and its area."""
+"""Classification of meshes as whole shapes or parts, by rim length and area."""
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
 
 from skfmap._tools.types import FloatArray, IntArray
+from skfmap.exceptions import MeshError
 from skfmap.geometry.faults import sound_faces
+from skfmap.io import MeshLike, n_vertices_of, named
+from skfmap.partial.answers import arrays_of
 from skfmap.partial.scan import area_and_rim
+from skfmap.shapes.skipped_shape import SetAside
 
-__all__ = ["TrainingSizes"]
+__all__ = ["TrainingSizes", "kinds_of", "only", "rows_of"]
 
-# A mesh is whole whose rim is no longer than that of training shapes by this, in sqrt of its area.
+# A mesh is whole if its rim is at most this much longer than those of the training shapes, in
+# sqrt of its area.
 _RIM = 0.1
-# Shares of the median area of the training shapes, below and above which nothing can be said.
+# Limits of the area, as fractions of the median area of the training shapes, outside which a mesh
+# is not matched.
 _TOO_SMALL, _TOO_LARGE = 0.15, 3.0
-# By what lengths differ if units are confused: metres, centimetres, millimetres, inches, feet.
+# Factors between units that are often confused: metres, centimetres, millimetres, inches, feet.
 _UNITS = (10.0, 12.0, 25.4, 100.0, 304.8, 1000.0)
 
 
 class TrainingSizes(NamedTuple):
-    """What areas and rims whole training shapes have.
+    """Areas and rim lengths of the whole training shapes.
 
     Attributes
     ----------
     unit : float
-        Root of the area of the reference, in the units of the meshes.
+        Square root of the area of the reference, in the units of the meshes.
     areas, rims : ndarray of shape (n_shapes,)
-        In units of the reference.
+        Areas and rim lengths, in units of the reference.
     """
 
     unit: float
@@ -34,18 +41,18 @@ class TrainingSizes(NamedTuple):
     rims: FloatArray
 
     def kind(self, vertices: FloatArray, faces: IntArray, *, any_units: bool) -> str:
-        """Return "whole" or "part", or why nothing can be said of a mesh.
+        """Return "whole" or "part", or why a mesh cannot be matched.
 
         Parameters
         ----------
         vertices, faces : ndarray of shape (n_vertices, 3), ndarray of int, shape (n_faces, 3)
-            As they were given.
+            The mesh as given.
         any_units : bool
             Whether its units may differ from those of the training shapes.
         """
         faces = faces[sound_faces(vertices, faces)]
         if not len(faces):
-            return "whole"  # what is to be done about it is the pipeline's to say
+            return "whole"  # the pipeline reports what is wrong with it
         area, rim = area_and_rim(vertices / self.unit, faces)
         if rim / np.sqrt(area) <= (self.rims / np.sqrt(self.areas)).max() + _RIM:
             return "whole"
@@ -58,8 +65,32 @@ class TrainingSizes(NamedTuple):
         return told + _told_of_units(share)
 
 
+def kinds_of(items: Sequence[MeshLike], sizes: TrainingSizes, *, any_units: bool) -> list[str]:
+    """Return "whole" or "part" for each mesh, or why it cannot be matched."""
+    kinds = []
+    for i, item in enumerate(items):
+        try:
+            kinds.append(sizes.kind(*arrays_of(item, i), any_units=any_units))
+        except (MeshError, OSError):
+            kinds.append("whole")  # the pipeline reports what is wrong with it
+    return kinds
+
+
+def rows_of(kinds: Sequence[str], kind: str) -> list[int]:
+    """Return the indices of the meshes of one kind."""
+    return [i for i, one in enumerate(kinds) if one == kind]
+
+
+def only(items: Sequence[MeshLike], kinds: Sequence[str], kind: str) -> list[MeshLike]:
+    """Return the meshes with those of other kinds set aside, so that all keep their indices."""
+    return [
+        item if one == kind else SetAside(named(item, i), "", n_vertices_of(item))
+        for i, (item, one) in enumerate(zip(items, kinds, strict=True))
+    ]
+
+
 def _told_of_units(share: float) -> str:
-    """Return which confusion of units would explain an area, and what to multiply by."""
+    """Return which confusion of units would explain an area, and the factor that corrects it."""
     # A part that can be matched has between _TOO_SMALL and all of the area in the right units.
     least, most = np.sqrt(share), np.sqrt(share / _TOO_SMALL)
     larger = [f for f in _UNITS if least <= f <= most]

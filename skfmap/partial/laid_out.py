@@ -1,4 +1,4 @@
-"""The reference's mesh, and landmarks, laid out on parts."""
+"""The registered mesh of the reference, and landmarks, on parts."""
 
 import numpy as np
 
@@ -13,21 +13,21 @@ from skfmap.shapes import Landmarks, Registered
 
 __all__ = ["landmarks_on_part", "no_landmarks", "not_registered", "registered_on_part"]
 
-# Farther than this from a scan, in sqrt(area), what should be covered lies off it.
+# Distance from the scan, in sqrt(area), beyond which a covered vertex lies off it.
 _OFF = 0.04
 
 
 def registered_on_part(known: Knowledge, part: Part, name: str | None) -> Registered:
-    """Return the given mesh of the reference laid onto a part, all of it.
+    """Return the complete given mesh of the reference laid onto a part.
 
     Parameters
     ----------
     known : Knowledge
-        What was learned.
+        The fitted models.
     part : Part
         The part.
     name : str or None
-        Its name.
+        Name of the part.
     """
     laid, regions = part.laid, known.body.regions
     covered = known.trust.coverage(laid) >= 0.5
@@ -49,7 +49,7 @@ def registered_on_part(known: Knowledge, part: Part, name: str | None) -> Regist
 
 
 def not_registered(known: Knowledge, name: str | None) -> Registered:
-    """Return the answer for a scan of which nothing can be said."""
+    """Return the result for a scan that cannot be matched, filled with NaN."""
     n_0, nan = known.target.shape.n_given, float("nan")
     return Registered(
         vertices=np.full((n_0, 3), nan),
@@ -68,14 +68,14 @@ def not_registered(known: Knowledge, name: str | None) -> Registered:
 def landmarks_on_part(
     known: Knowledge, part: Part, name: str | None, *, on_surface: bool
 ) -> Landmarks:
-    """Return the landmarks that a part shows; NaN for the others.
+    """Return the landmarks on a part, with NaN for those that it does not show.
 
     Parameters
     ----------
     known, part, name : Knowledge, Part, str or None
         As in `registered_on_part`.
     on_surface : bool
-        Whether points that the observer puts off the surface are put onto it.
+        Whether landmarks that the observer places off the surface are moved onto it.
     """
     model, laid, scan = known.learner.landmarks_, part.laid, part.scan
     points = model.points_on(known.learner.reference_.spectral, laid.vertices, scan.surface)
@@ -93,14 +93,14 @@ def landmarks_on_part(
 
 
 def no_landmarks(known: Knowledge, name: str | None) -> Landmarks:
-    """Return the answer for a scan of which nothing can be said."""
+    """Return the result for a scan that cannot be matched, filled with NaN."""
     names = known.learner.landmarks_.names
     unknown = np.full(len(names), np.nan)
     return Landmarks(np.full((len(names), 3), np.nan), names, name=name, expected_error=unknown)
 
 
 def _share_off(known: Knowledge, part: Part, covered: BoolArray) -> float:
-    """Return which share of the area of what is covered lies off the scan."""
+    """Return the fraction of the covered area that lies off the scan."""
     regions, vertices = known.body.regions, part.laid.vertices
     if not covered.any():
         return float("nan")

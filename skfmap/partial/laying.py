@@ -1,4 +1,4 @@
-"""The whole reference laid onto a part: what the part shows draws it, and the rest follows."""
+"""Registration of the whole reference to a part that attracts only what it shows."""
 
 import numpy as np
 import numpy.typing as npt
@@ -15,41 +15,43 @@ from skfmap.registration.laying import Anchors, lay_on_points, relaxed
 
 __all__ = ["believed_places", "lay_on_part", "start_from"]
 
-# Regions that are counted with the likeliest one, by their distance from it, in sqrt(area).
+# Regions within this distance of the most likely one, in sqrt(area), are averaged with it.
 _NEIGHBOURS = 0.15
-# Points of the part that draw the reference to themselves.
+# Number of points of the part that attract the reference.
 _N_POINTS = 2000
-# Distance, in sqrt(area), at which what draws counts for little, in the first round and the last.
+# Standard deviation, in sqrt(area), of the Gaussian weight of an attraction with distance, in the
+# first and in the last round.
 _REACH, _REACH_AT_LAST = 0.1, 0.03
-# Distance on the reference, in sqrt(area), at which what is believed elsewhere counts for little,
-# and how much it counts beside one in space.
+# Standard deviation, in sqrt(area), of the Gaussian weight with the distance on the reference from
+# the likely place of a point, and the weight of that distance relative to one in space.
 _ELSEWHERE, _BESIDE_SPACE = 0.1, 0.4
 # Cosine of the angle within which normals agree: 60 degrees.
 _AGREES = 0.5
-# The stiffness falls from so many times what it ends with, in rounds of so many turns.
+# Initial stiffness as a multiple of the final one, and the number of alternations of rotations and
+# coordinates in each round.
 _STIFFER, _TURNS = 100.0, 2
 
 
 def believed_places(
     probabilities: npt.NDArray[np.float32], centres: FloatArray, distances_0: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Return where on the reference points are believed to be, and how firmly.
+    """Return the likely place of each point on the reference, and its probability.
 
     Parameters
     ----------
     probabilities : ndarray of shape (n_points, n_regions)
-        Of the regions.
+        Probabilities of regions at each point.
     centres : ndarray of shape (n_regions, 3)
-        Of the regions, on the reference.
+        Centres of the regions on the reference.
     distances_0 : ndarray of shape (n_regions, n_regions)
-        Along it.
+        Distances between the centres along the reference.
 
     Returns
     -------
     places : ndarray of shape (n_points, 3)
-        Near the reference: means of the centres about the likeliest.
+        Means of the centres around the most likely one, which are near the reference.
     belief : ndarray of shape (n_points,)
-        The probability of these regions together.
+        Total probability of these regions.
     """
     kept = probabilities * (distances_0[probabilities.argmax(axis=1)] < _NEIGHBOURS)
     belief = kept.sum(axis=1)
@@ -64,18 +66,18 @@ def start_from(
     belief: FloatArray,
     vertices_0: FloatArray,
 ) -> FloatArray:
-    """Return the reference deformed so that places on it lie near the points that believe in them.
+    """Return the reference deformed so that the likely places of points lie near these points.
 
     Parameters
     ----------
     deformation : Deformation
-        How it deforms.
+        Deformation model.
     faces : ndarray of int, shape (n_faces, 3)
-        Of the reference.
+        Faces of the reference.
     points, places, belief : ndarray of shape (n_points, 3), (n_points, 3), (n_points,)
-        Points of the part, where on the reference they are believed to be, and how firmly.
+        Points of the part, their likely places on the reference, and the probabilities of these.
     vertices_0 : ndarray of shape (n_vertices, 3)
-        Of the reference as it stands.
+        Vertices of the undeformed reference.
     """
     on_0 = nearest_places(places, vertices_0, faces)
     matrix = _matrix(on_0.corners, on_0.weights, len(vertices_0))
@@ -101,31 +103,32 @@ def lay_on_part(
     stiffness: float,
     n_rounds: int,
 ) -> FloatArray:
-    """Return the reference drawn to a part, softer from round to round.
+    """Return the reference attracted by a part, with decreasing stiffness.
 
-    Vertices of the reference are drawn to where the part is nearest, but not to its rim, beyond
-    which nothing was scanned. And points of the part, all of which belong somewhere, draw what of
-    the reference is nearest to them.
+    Each vertex of the reference is attracted by the closest point of the part, unless that lies on
+    the rim, beyond which nothing was scanned. Conversely, points of the part, all of which
+    correspond to some place, attract the closest place of the reference.
 
     Parameters
     ----------
     deformation : Deformation
-        How it deforms.
+        Deformation model.
     faces, areas : ndarray of int, shape (n_faces, 3), ndarray of shape (n_vertices,)
-        Of the reference, and areas of its vertices.
+        Faces of the reference, and areas of its vertices.
     vertices_0 : ndarray of shape (n_vertices, 3)
-        Of the reference as it stands.
+        Vertices of the undeformed reference.
     part : tuple of ndarray
         Vertices and faces of the part, in units of sqrt(area) of the reference.
     places : ndarray of shape (n_vertices_i, 3)
-        Where on the reference vertices of the part are believed to be. They do not draw what is
-        elsewhere, so that a leg that was not scanned is not laid onto the other.
+        Likely places of the vertices of the part on the reference. A vertex of the part attracts
+        only what is near its place, so that a leg that was not scanned is not laid onto the other.
     start : ndarray of shape (n_vertices, 3)
-        Coordinates to begin with.
+        Initial coordinates.
     stiffness : float
-        Of the last round, beside a mean of 1 with which the part draws a vertex.
+        Stiffness of the last round, relative to the attraction of each vertex by the part, whose
+        mean is 1.
     n_rounds : int
-        How many.
+        Number of rounds.
     """
     target, normals_i = ClosestPoints(*part), vertex_normals(*part)
     rows = farthest_points(part[0], _N_POINTS)
@@ -157,7 +160,11 @@ def _back(
     vertices_0: FloatArray,
     faces: IntArray,
 ) -> NearestPlaces:
-    """Return where points are nearest to the reference; where that is not believed, to a vertex."""
+    """Return the nearest place of the reference for each point.
+
+    Where that is far from the likely place of the point, return the vertex that is nearest in space
+    and on the reference together.
+    """
     back = nearest_places(points, vertices, faces)
     there = np.einsum("nc,ncd->nd", back.weights, vertices_0[back.corners])
     rows = np.flatnonzero(np.linalg.norm(there - believed, axis=1) > _ELSEWHERE)

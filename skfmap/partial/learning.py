@@ -1,4 +1,4 @@
-"""What training shapes, and parts that are cut of them, teach: the body and how far to trust it."""
+"""Learning of the models of partial matching from training shapes and parts cut from them."""
 
 from collections.abc import Callable
 from typing import Any, NamedTuple
@@ -18,25 +18,25 @@ from skfmap.shapes import Mesh
 
 __all__ = ["Learned", "learned_from", "whole_shapes"]
 
-# Groups of training shapes that are left out in turn.
+# Number of groups of training shapes that are left out in turn.
 _N_FOLDS = 3
 
 
 class Learned(NamedTuple):
-    """What training shapes taught.
+    """What was learned from the training shapes.
 
     Attributes
     ----------
     body : Body
-        The reference, how it deforms, and what its surroundings look like.
+        The reference, its deformation model, and the model that recognises its regions.
     trust : PartTrust
-        What parts of training shapes that were left out showed.
+        Calibration of errors and coverage, learned from parts of held-out training shapes.
     unit : float
-        Root of the area of the reference, in the units of the meshes.
+        Square root of the area of the reference, in the units of the meshes.
     areas, rims : ndarray of shape (n_shapes,)
-        Of the training shapes: area and length of the rim, in units of the reference.
+        Area and rim length of each training shape, in units of the reference.
     sides : Sides
-        Left and right, inside and outside.
+        What was learned about mirror images and about the orientation of faces.
     """
 
     body: Body
@@ -58,24 +58,24 @@ def learned_from(
     n_jobs: int | None,
     tell: Callable[[str], None],
 ) -> Learned:
-    """Learn from whole shapes and from parts of them; the reference is the first of them.
+    """Learn from whole shapes, the first of which is the reference, and from parts of them.
 
     Parameters
     ----------
     training : TrainingSet
-        The shapes.
+        The training shapes.
     learner : WeightedFunctionalMapLearner
-        Fitted to them.
+        Learner that was fitted to them.
     cuts, n_cuts, n_calibrated, random_state, n_jobs
         As in `skfmap.PartialMatcher`.
     tell : callable
-        Told of each stage.
+        Called with a message at the start of each stage.
     """
     tell("laying the reference onto whole shapes")
     whole, laid = whole_shapes(training, learner)
     spectral_0 = training.reference.spectral
     unit, faces_0 = float(np.sqrt(spectral_0.area)), spectral_0.mesh.faces
-    tell("cutting shapes, and looking at the surroundings of points")
+    tell("cutting shapes and computing local features")
     lessons = map_shapes(
         _lessons_of,
         (
@@ -86,7 +86,7 @@ def learned_from(
         verbose=0,
     )
     regions = shared_regions(spectral_0.vertices, faces_0, spectral_0.mass)
-    tell("learning to recognise points")
+    tell("learning to recognise regions")
     folds = _folds(len(whole))
     bodies = map_shapes(
         _body_of,
@@ -94,7 +94,7 @@ def learned_from(
         n_jobs=n_jobs,
         verbose=0,
     )
-    tell("matching parts of shapes that were left out")
+    tell("matching parts of held-out shapes")
     left_out = [
         (body, lesson)
         for body, fold in zip(bodies[1:], folds[1:], strict=True)
@@ -110,14 +110,17 @@ def learned_from(
 
 
 def _folds(n_shapes: int) -> list[IntArray]:
-    """Return which shapes are learned from: all, then all but some; the reference always."""
+    """Return the indices of the shapes in each fold: all of them, then all but one group.
+
+    The reference is in every fold.
+    """
     everything, others = np.arange(n_shapes), np.arange(1, n_shapes)
     folds = [np.setdiff1d(everything, others[k::_N_FOLDS]) for k in range(_N_FOLDS)]
     return [everything, *(fold for fold in folds if 1 < len(fold) < n_shapes)]
 
 
 def whole_shapes(training: TrainingSet, learner: Any) -> tuple[list[Mesh], list[FloatArray]]:
-    """Return working meshes, and the reference laid onto them in sqrt(area) of itself."""
+    """Return working meshes, and the reference laid onto them in units of its sqrt(area)."""
     refinement = learner.refine_
     start = refinement.start_ if isinstance(refinement, Registration) else refinement
     laid = lay_on_training(training, learner.matcher_, start)
@@ -139,7 +142,7 @@ def _lessons_of(
     n_cuts: int,
     seed: list[int],
 ) -> list[Lesson]:
-    """Return the whole of a shape and parts of it, with their features."""
+    """Return lessons from a whole shape and from parts of it, with their features."""
     parts = [mesh]
     for number in range(n_cuts):
         rng = np.random.default_rng([*seed, number])
@@ -148,7 +151,7 @@ def _lessons_of(
         Lesson.of(scan_of(part.vertices, part.faces, unit, None), laid, faces_0) for part in parts
     ]
     for lesson in lessons:
-        lesson.scan.features  # noqa: B018
+        lesson.scan.features  # noqa: B018 (computes and caches them)
     return lessons
 
 
@@ -161,5 +164,5 @@ def _seen(body: Body, lesson: Lesson) -> Seen:
 
 
 def _scores(body: Body, lesson: Lesson) -> tuple[float, float]:
-    """Return the score of a part, and that of its mirror image."""
+    """Return the scores of a part and of its mirror image."""
     return score_of(body, lesson.scan), score_of(body, mirror_image(lesson.scan))

@@ -1,4 +1,4 @@
-"""Parts of shapes, matched to the whole reference by any pipeline that matches whole ones."""
+"""Matching of partial scans to the whole reference, around a pipeline for whole shapes."""
 
 import warnings
 from collections.abc import Iterable, Sequence
@@ -16,10 +16,8 @@ from skfmap._tools.types import DistanceMethod, FloatArray, Interpolation, Refin
 from skfmap._tools.unwrap import learner_and_shapes
 from skfmap._tools.validation import check_choice, check_number, check_sample_weight
 from skfmap._version import Versioned
-from skfmap.basis import SpectralBasis
-from skfmap.exceptions import MeshError
-from skfmap.io import MeshLike, check_meshes, n_vertices_of, named
-from skfmap.learner import BridgedLearner, WeightedFunctionalMapLearner, models
+from skfmap.io import MeshLike, check_meshes, named
+from skfmap.learner import models
 from skfmap.learner.between import check_wanted
 from skfmap.learner.given_answers import given_reference
 from skfmap.learner.new_shape import INTERPOLATIONS
@@ -47,86 +45,88 @@ from skfmap.partial.glue import (
     warn_of_tears,
     with_tears,
 )
-from skfmap.partial.kinds import TrainingSizes
+from skfmap.partial.kinds import TrainingSizes, kinds_of, only, rows_of
 from skfmap.partial.laid_out import (
     landmarks_on_part,
     no_landmarks,
     not_registered,
     registered_on_part,
 )
+from skfmap.partial.laid_parts import WaysToLay, laid_part
 from skfmap.partial.learning import learned_from
-from skfmap.partial.scale import scale_of
-from skfmap.partial.scan import scan_of
+from skfmap.partial.parameters import check_estimator, learner_of
 from skfmap.partial.scoring import (
     PartScorer,
     ScoredErrors,
     as_correspondence,
     parts_to_score,
 )
-from skfmap.partial.warned import warn_of_few, warn_of_sides, warn_of_size, warn_of_strange
+from skfmap.partial.warned import warn_of_few, warn_of_parts
 from skfmap.refinement import Refinement
 from skfmap.shapes import Correspondence, Landmarks, Match, Registered
-from skfmap.shapes.skipped_shape import SetAside
 from skfmap.shapes.usable import Answer
 
 __all__ = ["PartialMatcher"]
 
 
 class PartialMatcher(Versioned, BaseEstimator):
-    """Match scans that show a part of a shape, and say which part of the reference they cover.
+    """Match scans that show only part of a shape, and find which part of the reference they cover.
 
-    Training shapes are cut as scans would show them, which gives parts whose truth is known. A new
-    part is recognised point by point from its surroundings; what points believe is made consistent
-    by their distances; and the reference, deformed as training shapes deform, is laid onto the
-    part. Whole shapes are told from parts, and answered by the pipeline as they are without this.
+    The training shapes are cut in the way that scans are incomplete, which gives parts with known
+    correspondences. For a new part, local features give each point probabilities of the regions
+    of the reference, and the distances between points make these probabilities consistent. The
+    reference, deformed as training shapes deform, is then laid onto the part. Whole shapes are
+    distinguished from parts, and are matched by the pipeline as they would be without this class.
 
     Parameters
     ----------
     estimator : Pipeline
-        From meshes to matches: `SpectralBasis`, `DescriptorTransformer`,
+        Pipeline from meshes to matches: `SpectralBasis`, `DescriptorTransformer`,
         `WeightedFunctionalMapLearner`.
     cuts : {"auto", "planes", "limbs", "views", "discs"}, Cut or list, default="auto"
-        How training shapes are cut: words, or objects of `skfmap.partial`, yours among them.
-        ``"auto"`` is all of the four.
+        How training shapes are cut: by name, or by objects derived from `skfmap.partial.Cut`.
+        ``"auto"`` uses all four kinds.
     n_cuts : int, default=12
-        Parts that are cut of each training shape to learn from. The whole shape is one more.
+        Number of parts that are cut from each training shape to learn from. The whole shape is
+        used in addition.
     n_calibrated : int, default=2
-        How many of them are matched by what was learned without the shape, which says how large
-        errors are to be expected, and what is covered.
+        How many of these parts are matched by a model that was learned without the shape. They
+        calibrate the expected errors and the probabilities of being covered.
     scale : {"known", "estimated"}, default="known"
-        Whether scans are in the units of the training shapes. ``"estimated"``: they may be in any
-        units, and the scale of a part is estimated with its map, as ``Match.scale``.
+        ``"known"``: scans are in the units of the training shapes. ``"estimated"``: scans may be
+        in any units; the scale of a part is estimated together with its map, and is returned as
+        ``Match.scale``.
     random_state : int, default=0
-        What cuts are drawn by.
+        Seed of the random cuts.
     n_jobs : int, optional
-        Shapes at a time; see joblib. The result is the same for every value.
+        Number of shapes processed in parallel; see joblib. The result is the same for every value.
     verbose : int, default=0
-        1 tells each stage.
+        1 reports each stage.
 
     Attributes
     ----------
     estimator_ : Pipeline
         The pipeline, fitted on the whole training shapes.
     body_ : Body
-        The reference, how it deforms, and what its surroundings look like.
+        The reference, its deformation model, and the model that recognises its regions.
     trust_ : PartTrust
-        What parts of training shapes that were left out showed.
+        Calibration of errors and coverage, learned from parts of held-out training shapes.
     unit_ : float
-        Root of the area of the reference, in the units of the meshes.
+        Square root of the area of the reference, in the units of the meshes.
     areas_, rims_ : ndarray of shape (n_shapes,)
-        Of the training shapes: area and length of the rim, in units of the reference.
+        Area and rim length of each training shape, in units of the reference.
     sides_ : Sides
-        What is known of left and right, and of inside and outside.
+        What was learned about mirror images and about the orientation of faces.
 
     See Also
     --------
-    skfmap.match : Takes this model as any other.
+    skfmap.match : Accepts this model like any other.
 
     Notes
     -----
-    Coordinates may be turned and shifted in any way. Faces that are wound inwards are told, and
-    turned. A mirror image is told of kinds alone that are unlike their own, as jaws of one side
-    are: that of a scan of a cat is a scan of a cat.
+    Scans may be rotated and translated in any way. Faces that are wound inwards are detected and
+    reversed. A mirrored scan can only be detected for kinds of shapes that differ from their
+    mirror images, such as jaws of one side: the mirror image of a scan of a cat is a scan of a cat.
 
     Examples
     --------
@@ -165,49 +165,49 @@ class PartialMatcher(Versioned, BaseEstimator):
         y: Sequence[Answer],
         sample_weight: Sequence[float] | None = None,
     ) -> Self:
-        """Fit the pipeline to whole shapes, and learn from parts of them.
+        """Fit the pipeline to whole shapes, and learn from parts cut from them.
 
         Parameters
         ----------
         X : sequence of meshes
             Whole training shapes, the reference among them.
         y : sequence of Correspondence or of int arrays of shape (n_pairs, 2)
-            Where each lies on the template, as for the learner.
+            Correspondence of each shape with the template, as for the learner.
         sample_weight : array-like of shape (n_shapes,), optional
-            As in `WeightedFunctionalMapLearner.fit`; shapes of weight 0 are not
-            cut, but the reference always is.
+            As in `WeightedFunctionalMapLearner.fit`. Shapes with weight 0 are not cut, except
+            the reference.
 
         Returns
         -------
         PartialMatcher
-            Itself.
+            The fitted matcher.
 
         Raises
         ------
         TypeError
-            If ``estimator`` is no pipeline from meshes to a learner.
+            If ``estimator`` is not a pipeline from meshes to a learner.
         ValueError
-            If a parameter cannot be used, or there are fewer than three shapes.
+            If a parameter is invalid, or there are fewer than three shapes.
 
         Warns
         -----
         StabilityWarning
-            If there are but three.
+            If there are only three shapes.
         """
         cuts = self._check_parameters()
         pipeline = clone(self.estimator)
         self._tell("fitting the pipeline to whole shapes")
         shapes = pipeline[:-1].fit_transform(X, y)
         pipeline[-1].fit(shapes, y, sample_weight)
-        learner = _learner_of(pipeline)
+        learner = learner_of(pipeline)
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # the learner has told it
+            warnings.simplefilter("ignore")  # the learner has already warned
             training = learner._training_set(shapes, y, sample_weight)
         if len(training.used) < 2:
             raise ValueError(
                 "PartialMatcher leaves training shapes out in turn, and needs the reference and "
-                f"two more at least; got {len(training.used)} more. Give more shapes; for whole "
-                "shapes alone, fit the pipeline by itself."
+                f"two more shapes at least; got {len(training.used)} more. Give more shapes, or "
+                "fit the pipeline by itself if all scans are whole."
             )
         warn_of_few(len(training.used))
         learned = learned_from(
@@ -232,82 +232,83 @@ class PartialMatcher(Versioned, BaseEstimator):
         refine: RefineOverride | Refinement | None = "fitted",
         interpolate: Interpolation = None,
     ) -> list[Match]:
-        """Match scans, of parts or of whole shapes, to the reference.
+        """Match scans of parts or of whole shapes to the reference.
 
         Parameters
         ----------
         X : sequence of meshes
-            In the units of the training shapes.
+            Scans, in the units of the training shapes.
         refine, interpolate : optional
-            For whole shapes; as in `WeightedFunctionalMapLearner.match`. Places of parts are always
-            between vertices.
+            As in `WeightedFunctionalMapLearner.match`; they apply to whole shapes. Points of parts
+            are always matched to places between vertices.
 
         Returns
         -------
         list of Match
-            With ``covered`` and ``covered_probability``. Vertices of a scan that belong to nothing
-            have -1, and so has ``inverse`` where nothing of the reference is covered. A part has no
-            functional map; its entries are NaN. ``torn`` marks where neighbours land far apart; a
-            whole shape on which they do is matched as a part, if it tears less then.
+            Matches with ``covered`` and ``covered_probability``. ``p2p`` is -1 at vertices of a
+            scan that belong to nothing, and ``inverse`` is -1 where the reference is not covered.
+            A part has no functional map; its entries are NaN. ``torn`` marks vertices whose
+            neighbours are matched far apart. A whole shape that has such vertices is matched as a
+            part instead, if it tears less then.
 
         Warns
         -----
         SkippedShapeWarning
-            If a part is too small to say where it belongs, below 15 % of the area of the training
-            shapes, or units differ from theirs.
+            If a part is too small to be matched, below 15 % of the area of the training shapes, or
+            its units seem to differ from theirs.
         UnfamiliarShapeWarning
-            If a scan does not lie on the reference as parts of training shapes do, or its map
+            If the reference fits a scan worse than it fits parts of training shapes, or the map
             tears (``Match.torn``).
         """
         check_is_fitted(self)
         items = check_meshes(X)
         check_choice(interpolate, "interpolate", INTERPOLATIONS)
-        changed(_learner_of(self.estimator_).matcher_, refine=refine)  # raises also without wholes
+        changed(learner_of(self.estimator_).matcher_, refine=refine)  # raises also without wholes
         kinds = self._kinds(items)
         found: dict[int, Match] = {}
         if "whole" in kinds:
             answers = models.match(
                 self.estimator_,
-                _only(items, kinds, "whole"),
+                only(items, kinds, "whole"),
                 refine=refine,
                 interpolate=interpolate,
             )
-            rows = _rows(kinds, "whole")
+            rows = rows_of(kinds, "whole")
             found.update(self._mended(items, {i: all_covered(answers[i]) for i in rows})[0])
-        parts = self._laid(items, _rows(kinds, "part"))
+        parts = self._laid(items, rows_of(kinds, "part"))
         found.update(self._matched(items, parts))
         for i in range(len(items)):
             if i not in found:
                 found[i] = self._nothing(items[i], i)
-        self._warn(items, kinds, parts)
+        warn_of_parts(items, kinds, parts, self.trust_)
         warn_of_tears(found)
         return [found[i] for i in range(len(items))]
 
     def match_between(
         self, X: Sequence[MeshLike], pairs: Iterable[tuple[int, int]] | None = None
     ) -> list[Match]:
-        """Match scans to one another; parts, and parts to whole shapes, through the reference.
+        """Match scans to one another; pairs that include a part go through the reference.
 
         Parameters
         ----------
         X : sequence of meshes
-            In the units of the training shapes.
+            Scans, in the units of the training shapes.
         pairs : iterable of (int, int), optional
-            From which scan to which: indices (i, j) into ``X``. All pairs of different scans, in
-            both directions, by default.
+            Indices (i, j) into ``X``, for a map from ``X[i]`` to ``X[j]``. By default all pairs of
+            different scans, in both directions.
 
         Returns
         -------
         list of Match
-            One for each pair, from ``X[i]`` to ``X[j]``, which is its reference. ``p2p`` sends
-            vertices of ``X[i]`` to vertices of ``X[j]``, and is -1 at those that ``X[j]`` does not
-            show; ``covered`` and ``covered_probability`` tell which vertices of ``X[j]`` the scan
-            ``X[i]`` shows, and ``inverse`` where these lie on it, -1 elsewhere. Pairs of whole
-            shapes are the pipeline's, in which tears are not looked for; others have no functional
-            map, and its entries are NaN. Their ``torn`` is that of ``X[i]`` on the reference.
-            ``expected_error`` combines those of both ways to the reference, in units of sqrt(area)
-            of the *reference of the model*; None if one of the two is whole and the pipeline
-            calibrates no errors.
+            One match for each pair, from ``X[i]`` to ``X[j]``, which is its reference. ``p2p``
+            maps vertices of ``X[i]`` to vertices of ``X[j]``, and is -1 at vertices that ``X[j]``
+            does not show. ``covered`` and ``covered_probability`` say which vertices of ``X[j]``
+            are shown by ``X[i]``, and ``inverse`` where on ``X[i]`` they lie, -1 elsewhere. Pairs
+            of whole shapes are matched by the pipeline, which does not look for tears. Other pairs
+            have no functional map; its entries are NaN, and ``torn`` is that of ``X[i]`` on the
+            reference of the model. ``expected_error`` combines the errors of both matches to the
+            reference, in units of sqrt(area) of the *reference of the model*; it is None if one of
+            the two is whole and the pipeline does not calibrate errors.
 
         Raises
         ------
@@ -317,7 +318,7 @@ class PartialMatcher(Versioned, BaseEstimator):
         Warns
         -----
         SkippedShapeWarning, UnfamiliarShapeWarning
-            As in `match`, of each scan once.
+            As in `match`, once for each scan.
         """
         check_is_fitted(self)
         items = check_meshes(X)
@@ -326,14 +327,14 @@ class PartialMatcher(Versioned, BaseEstimator):
         whole = [pair for pair in wanted if all(kinds[i] == "whole" for i in pair)]
         done: dict[tuple[int, int], Match] = {}
         if whole:
-            among = _only(items, kinds, "whole")
+            among = only(items, kinds, "whole")
             answers = models.match_between(self.estimator_, among, whole)
             done.update(zip(whole, map(all_covered, answers), strict=True))
         mixed = [pair for pair in wanted if pair not in done]
         matches, on_reference = self._on_reference(
             items, kinds, {i for pair in mixed for i in pair}, {i for pair in whole for i in pair}
         )
-        learner = _learner_of(self.estimator_)
+        learner = learner_of(self.estimator_)
         for i, j in mixed:
             if i in on_reference and j in on_reference:
                 done[i, j] = between_parts(on_reference[i], on_reference[j])
@@ -342,20 +343,20 @@ class PartialMatcher(Versioned, BaseEstimator):
         return [done[pair] for pair in wanted]
 
     def register(self, X: Sequence[MeshLike]) -> list[Registered]:
-        """Lay the reference's mesh onto each scan.
+        """Lay the mesh of the reference onto each scan.
 
         Parameters
         ----------
         X : sequence of meshes
-            In the units of the training shapes.
+            Scans, in the units of the training shapes.
 
         Returns
         -------
         list of Registered
-            All of the given mesh of the reference, in the place and the units of each scan; where
-            the scan shows nothing of it, it lies as training shapes deform. Of a part, ``off`` is
-            a share of what is covered, ``stretched`` is not known and NaN, and ``fits`` tells
-            whether the part is familiar; `match` tells what is covered.
+            The complete given mesh of the reference, in the position and units of each scan. Where
+            the scan is missing, the mesh follows the deformation of training shapes. For a part,
+            ``off`` is a fraction of the covered area, ``stretched`` is unknown (NaN), and ``fits``
+            says whether the part is familiar. `match` returns what is covered.
 
         Raises
         ------
@@ -373,12 +374,12 @@ class PartialMatcher(Versioned, BaseEstimator):
         kinds = self._kinds(items)
         found: dict[int, Registered] = {}
         if "whole" in kinds:
-            answers = models.register(self.estimator_, _only(items, kinds, "whole"))
-            found.update((i, answers[i]) for i in _rows(kinds, "whole"))
-        parts, known = self._laid(items, _rows(kinds, "part")), self._knowledge()
+            answers = models.register(self.estimator_, only(items, kinds, "whole"))
+            found.update((i, answers[i]) for i in rows_of(kinds, "whole"))
+        parts, known = self._laid(items, rows_of(kinds, "part")), self._knowledge()
         for i, part in parts.items():
             found[i] = registered_on_part(known, part, named(items[i], i))
-        self._warn(items, kinds, parts)
+        warn_of_parts(items, kinds, parts, self.trust_)
         return [
             found[i] if i in found else not_registered(known, named(item, i))
             for i, item in enumerate(items)
@@ -387,21 +388,22 @@ class PartialMatcher(Versioned, BaseEstimator):
     def predict_landmarks(
         self, X: Sequence[MeshLike], *, coverage: float = 0.9, on_surface: bool = False
     ) -> list[Landmarks]:
-        """Place the landmarks of the training shapes on scans, where these show them.
+        """Place the landmarks of the training shapes on scans that show them.
 
         Parameters
         ----------
         X : sequence of meshes
-            In the units of the training shapes.
+            Scans, in the units of the training shapes.
         coverage, on_surface : float, bool
-            As in `WeightedFunctionalMapLearner.predict_landmarks`; ``coverage`` for whole shapes.
+            As in `WeightedFunctionalMapLearner.predict_landmarks`; ``coverage`` applies to whole
+            shapes.
 
         Returns
         -------
         list of Landmarks
-            In the units and the place of each mesh. Landmarks that a part does not show are NaN. Of
-            the others, ``expected_error`` is that of its match, or that of landmarks on whole
-            shapes if it is larger; there are no radii.
+            Landmarks in the units and position of each mesh. Landmarks that a part does not show
+            are NaN. For the others, ``expected_error`` is the larger one of the error of the match
+            and that of landmarks on whole shapes. Parts have no radii.
 
         Raises
         ------
@@ -417,25 +419,25 @@ class PartialMatcher(Versioned, BaseEstimator):
         check_is_fitted(self)
         items = check_meshes(X)
         kinds = self._kinds(items)
-        # Also without whole ones: it checks what is asked.
+        # Called even if no shape is whole, since it checks the arguments.
         found = models.predict_landmarks(
             self.estimator_,
-            _only(items, kinds, "whole"),
+            only(items, kinds, "whole"),
             coverage=coverage,
             on_surface=on_surface,
         )
-        parts, known = self._laid(items, _rows(kinds, "part")), self._knowledge()
+        parts, known = self._laid(items, rows_of(kinds, "part")), self._knowledge()
         for i, kind in enumerate(kinds):
             name = named(items[i], i)
             if i in parts:
                 found[i] = landmarks_on_part(known, parts[i], name, on_surface=on_surface)
             elif kind != "whole":
                 found[i] = no_landmarks(known, name)
-        self._warn(items, kinds, parts)
+        warn_of_parts(items, kinds, parts, self.trust_)
         return found
 
     def functional_maps(self, X: Sequence[MeshLike]) -> FloatArray:
-        """Return the full maps X_i(D) of whole shapes, by the pipeline.
+        """Return the full maps X_i(D) of whole shapes, computed by the pipeline.
 
         Parameters
         ----------
@@ -451,7 +453,7 @@ class PartialMatcher(Versioned, BaseEstimator):
         return models.functional_maps(self.estimator_, X)
 
     def predict(self, X: Sequence[MeshLike]) -> FloatArray:
-        """Return the reduced maps X_i(D) Y_p of whole shapes, by the pipeline.
+        """Return the reduced maps X_i(D) Y_p of whole shapes, computed by the pipeline.
 
         Parameters
         ----------
@@ -474,37 +476,37 @@ class PartialMatcher(Versioned, BaseEstimator):
         method: DistanceMethod = "heat",
         reference_y: Answer | None = None,
     ) -> list[PairErrors]:
-        """Match scans of known correspondence, as they are, and return the error at each pair.
+        """Match scans with known correspondences, and return the error at each pair.
 
         Parameters
         ----------
         X, y : sequence of meshes, sequence of correspondences
-            Parts or whole shapes, and where they lie on the template.
+            Parts or whole shapes, which are not cut, and their correspondences with the template.
         method : {"heat", "exact", "dijkstra"}, default="heat"
-            How distances on the reference are measured; see `skfmap.metrics.GeodesicDistances`.
+            How distances on the reference are computed; see `skfmap.metrics.GeodesicDistances`.
         reference_y : Correspondence or int array, optional
             As in `WeightedFunctionalMapLearner.pair_errors`.
 
         Returns
         -------
         list of PairErrors
-            In units of sqrt(area) of the reference. A point of a part without an answer counts as
-            one that is answered at random; a scan that was left out has no pairs.
+            Errors in units of sqrt(area) of the reference. An unmatched point of a part has the
+            error of a random match. A scan that was skipped has no pairs.
         """
         check_is_fitted(self)
         items, truths = self._checked_pairs(X, y)
         kinds = self._kinds(items)
         found: dict[int, PairErrors] = {}
         if "whole" in kinds:
-            wholes = _only(items, kinds, "whole")
+            wholes = only(items, kinds, "whole")
             how: dict[str, Any] = {"method": method, "reference_y": reference_y}
             learner, shapes = learner_and_shapes(self.estimator_, wholes)
             errors = learner.pair_errors(shapes, y, **how)
-            found.update((i, errors[i]) for i in _rows(kinds, "whole"))
-        parts = self._laid(items, _rows(kinds, "part"))
+            found.update((i, errors[i]) for i in rows_of(kinds, "whole"))
+        parts = self._laid(items, rows_of(kinds, "part"))
         matches = self._matched(items, parts)
-        self._warn(items, kinds, parts)
-        scorer = PartScorer(_learner_of(self.estimator_), method, reference_y)
+        warn_of_parts(items, kinds, parts, self.trust_)
+        scorer = PartScorer(learner_of(self.estimator_), method, reference_y)
         for i, truth in enumerate(truths):
             if i not in found:
                 found[i] = scorer.errors(matches.get(i), truth)
@@ -518,7 +520,7 @@ class PartialMatcher(Versioned, BaseEstimator):
         method: DistanceMethod = "heat",
         reference_y: Answer | None = None,
     ) -> list[ScoredErrors]:
-        """Return the errors that `score` and the scorers of `skfmap.metrics` count.
+        """Return the errors that `score` and the scorers of `skfmap.metrics` average.
 
         Parameters
         ----------
@@ -528,14 +530,14 @@ class PartialMatcher(Versioned, BaseEstimator):
         Returns
         -------
         list of ScoredErrors
-            Of each scan. Of a whole shape also on one part by each of the cuts, which are drawn by
-            ``random_state`` and by the shape; ``mean(kind)`` counts the whole shape as much as its
-            parts.
+            Errors of each scan. For a whole shape they include one part for each of the cuts,
+            drawn from ``random_state`` and the content of the shape. ``mean(kind)`` gives the
+            whole shape the same weight as all of its parts together.
         """
         errors = self.pair_errors(X, y, method=method, reference_y=reference_y)
         items, truths = self._checked_pairs(X, y)
         cuts, parts, owners = make_cuts(self.cuts), [], []
-        for i in _rows(self._kinds(items), "whole"):
+        for i in rows_of(self._kinds(items), "whole"):
             if not errors[i].weights.any():
                 continue
             given = arrays_of(items[i], i)
@@ -544,7 +546,7 @@ class PartialMatcher(Versioned, BaseEstimator):
         own: dict[int, list[PairErrors]] = {i: [] for i in range(len(items))}
         if parts:
             with warnings.catch_warnings():
-                warnings.simplefilter("ignore")  # nobody has given these parts
+                warnings.simplefilter("ignore")  # the user has not given these parts
                 how: dict[str, Any] = {"method": method, "reference_y": reference_y}
                 meshes, known = zip(*parts, strict=True)
                 of_parts = self.pair_errors(meshes, known, **how)
@@ -561,24 +563,25 @@ class PartialMatcher(Versioned, BaseEstimator):
     ) -> float:
         """Return minus the mean geodesic error on whole shapes and on their parts.
 
-        Higher is better. Of each whole shape one part by each of ``cuts`` is matched too, and the
-        mean of its parts counts as much as the whole shape. A scan that is a part counts as it is.
+        Higher is better. From each whole shape, one part is cut by each of ``cuts`` and matched
+        too; the mean error of these parts has the same weight as that of the whole shape. A scan
+        that is already a part is not cut.
 
         Parameters
         ----------
         X, y : sequence of meshes, sequence of correspondences
-            Held-out shapes, whole or in part, and where they lie on the template.
+            Held-out scans, whole or partial, and their correspondences with the template.
         sample_weight : array-like of shape (n_shapes,), optional
-            How much each shape counts, with its parts.
+            Weight of each shape, together with its parts.
         reference_y : Correspondence or int array, optional
             As in `pair_errors`.
 
         Returns
         -------
         float
-            In units of sqrt(area) of the reference; a symmetric answer counts as wrong. Points
-            of a part without an answer count as answered at random. What is said to be covered does
-            not count.
+            Minus the mean error, in units of sqrt(area) of the reference. A symmetric match counts
+            as wrong. Unmatched points of a part have the error of a random match. The predicted
+            coverage does not enter the score.
         """
         means = [one.mean() for one in self.errors_to_score(X, y, reference_y=reference_y)]
         return -mean_over_shapes(means, check_sample_weight(sample_weight, len(means)))
@@ -595,22 +598,7 @@ class PartialMatcher(Versioned, BaseEstimator):
         return items, [as_correspondence(one) for one in y]
 
     def _check_parameters(self) -> list[Cut]:
-        if not isinstance(self.estimator, Pipeline) or len(self.estimator) < 2:
-            raise TypeError(
-                "estimator must be a Pipeline from meshes to a learner, make_pipeline("
-                "SpectralBasis(), DescriptorTransformer(), WeightedFunctionalMapLearner()); got "
-                f"{type(self.estimator).__name__}."
-            )
-        if not isinstance(self.estimator[-1], (WeightedFunctionalMapLearner, BridgedLearner)):
-            raise TypeError(
-                "the last step of estimator must be a WeightedFunctionalMapLearner or a "
-                f"BridgedLearner; got {type(self.estimator[-1]).__name__}."
-            )
-        if not isinstance(self.estimator[0], SpectralBasis):
-            raise TypeError(
-                "the first step of estimator must be a SpectralBasis, which says how fine scans "
-                f"may be; got {type(self.estimator[0]).__name__}."
-            )
+        check_estimator(self.estimator)
         check_number(self.n_cuts, "n_cuts", low=1, integer=True)
         check_number(self.n_calibrated, "n_calibrated", low=1, high=self.n_cuts, integer=True)
         check_choice(self.scale, "scale", ("known", "estimated"))
@@ -618,30 +606,33 @@ class PartialMatcher(Versioned, BaseEstimator):
         return make_cuts(self.cuts)
 
     def _kinds(self, items: Sequence[MeshLike]) -> list[str]:
-        """Return "whole" or "part" for each mesh, or why nothing can be said of it."""
+        """Return "whole" or "part" for each mesh, or why it cannot be matched."""
         sizes = TrainingSizes(self.unit_, self.areas_, self.rims_)
-        kinds = []
-        for i, item in enumerate(items):
-            try:
-                kinds.append(sizes.kind(*arrays_of(item, i), any_units=self.scale == "estimated"))
-            except (MeshError, OSError):
-                kinds.append("whole")  # what is to be done about it is the pipeline's to say
-        return kinds
+        return kinds_of(items, sizes, any_units=self.scale == "estimated")
 
     def _knowledge(self) -> Knowledge:
-        learner = _learner_of(self.estimator_)
+        learner = learner_of(self.estimator_)
         target = given_reference(learner.reference_)
         if not target.is_working:
-            # Points of scans lie between the vertices of the given reference, which is opened
-            # before threads ask for it.
+            # Points of scans are matched between the vertices of the given reference. Its search
+            # tree is built here, before several threads use it.
             target.places(np.zeros((1, 3)), np.array([[0.0, 0, 1]]))
         return Knowledge(learner, target, self.body_, self.trust_)
 
     def _laid(self, items: Sequence[MeshLike], rows: Sequence[int]) -> dict[int, Part]:
-        """Return the reference laid onto some of the meshes, by their indices."""
+        """Return the reference laid onto some of the meshes, by index."""
+        learned = WaysToLay(
+            self.body_,
+            self.trust_,
+            self.sides_,
+            self.unit_,
+            self.areas_,
+            estimates_scale=self.scale == "estimated",
+            max_vertices=self.estimator_[0].max_vertices,
+        )
         laid = map_shapes(
-            _lay,
-            ((self, items[i], i) for i in rows),
+            laid_part,
+            ((learned, *arrays_of(items[i], i)) for i in rows),
             n_jobs=self.n_jobs,
             verbose=self.verbose,
             prefer="threads",
@@ -649,7 +640,7 @@ class PartialMatcher(Versioned, BaseEstimator):
         return dict(zip(rows, laid, strict=True))
 
     def _matched(self, items: Sequence[MeshLike], parts: dict[int, Part]) -> dict[int, Match]:
-        """Return the matches of parts that the reference was laid onto, by their indices."""
+        """Return the matches of parts that the reference was laid onto, by index."""
         known, found = self._knowledge(), {}
         for i, part in parts.items():
             match = matched_part(known, part, named(items[i], i))
@@ -670,9 +661,10 @@ class PartialMatcher(Versioned, BaseEstimator):
     def _on_reference(
         self, items: Sequence[MeshLike], kinds: Sequence[str], wanted: set[int], told: set[int]
     ) -> tuple[dict[int, Match], dict[int, OnReference]]:
-        """Return matches to the reference, and what pairs need of those that say something.
+        """Return matches to the reference, and what pairs need of those that are not empty.
 
-        Of the wanted meshes alone, and without warnings of whole ones that were ``told``.
+        Only the ``wanted`` meshes are matched. There are no warnings about whole shapes in
+        ``told``, for which they were given before.
         """
         kinds = [kind if i in wanted else "" for i, kind in enumerate(kinds)]
         matches: dict[int, Match] = {}
@@ -680,7 +672,7 @@ class PartialMatcher(Versioned, BaseEstimator):
         for i in sorted(wanted):
             if kinds[i] not in ("whole", "part"):
                 matches[i] = self._nothing(items[i], i)
-        parts = self._laid(items, _rows(kinds, "part"))
+        parts = self._laid(items, rows_of(kinds, "part"))
         known = self._knowledge()
         wholes, mended = self._mended(items, self._whole_on_places(items, kinds, told))
         matches |= self._matched(items, parts) | wholes
@@ -690,51 +682,33 @@ class PartialMatcher(Versioned, BaseEstimator):
             if i not in mended and (match.p2p >= 0).any():
                 vertices, faces = arrays_of(items[i], i)
                 on_reference[i] = whole_on_reference(vertices, faces, match)
-        self._warn(items, kinds, parts)
+        warn_of_parts(items, kinds, parts, self.trust_)
         warn_of_tears(matches)
         return matches, on_reference
 
     def _whole_on_places(
         self, items: Sequence[MeshLike], kinds: Sequence[str], told: set[int]
     ) -> dict[int, Match]:
-        """Return matches of whole shapes to places of the reference."""
+        """Return matches of whole shapes to places between vertices of the reference."""
         found: dict[int, Match] = {}
         for silent in (False, True):
             now = [kind if (i in told) == silent else "" for i, kind in enumerate(kinds)]
-            rows = _rows(now, "whole")
+            rows = rows_of(now, "whole")
             if not rows:
                 continue
             with warnings.catch_warnings():
                 if silent:
                     warnings.simplefilter("ignore")
                 matches = models.match(
-                    self.estimator_, _only(items, now, "whole"), interpolate="barycentric"
+                    self.estimator_, only(items, now, "whole"), interpolate="barycentric"
                 )
             found.update((i, all_covered(matches[i])) for i in rows)
         return found
 
     def _nothing(self, item: MeshLike, i: int) -> Match:
-        learner = _learner_of(self.estimator_)
+        learner = learner_of(self.estimator_)
         nothing = nothing_said(learner, item, i)
         return with_meshes(nothing, item, i, learner.reference_.spectral)
-
-    def _warn(
-        self, items: Sequence[MeshLike], kinds: Sequence[str], parts: dict[int, Part]
-    ) -> None:
-        """Say what a person should know of all that are not whole."""
-        names = [named(item, i) for i, item in enumerate(items)]
-        called = [
-            f"X[{i}]" if name is None else f"X[{i}] ({name!r})" for i, name in enumerate(names)
-        ]
-        warn_of_size(called, kinds)
-        warn_of_sides([called[i] for i in parts], [part.side for part in parts.values()])
-        warn_of_strange(
-            [
-                called[i]
-                for i, part in parts.items()
-                if part.is_itself and not self.trust_.is_familiar(part.laid)
-            ]
-        )
 
     def _tell(self, message: str) -> None:
         if self.verbose:
@@ -743,39 +717,3 @@ class PartialMatcher(Versioned, BaseEstimator):
     def __sklearn_tags__(self) -> Tags:
         """Return the tags of the pipeline."""
         return get_tags(self.estimator)
-
-
-def _learner_of(pipeline: Pipeline) -> Any:
-    """Return the learner at the end of a pipeline; that of a bridged one."""
-    last = pipeline[-1]
-    return last.estimator_ if isinstance(last, BridgedLearner) else last
-
-
-def _rows(kinds: Sequence[str], kind: str) -> list[int]:
-    return [i for i, one in enumerate(kinds) if one == kind]
-
-
-def _only(items: Sequence[MeshLike], kinds: Sequence[str], kind: str) -> list[MeshLike]:
-    """Return the meshes with those of other kinds set aside: all keep their indices."""
-    return [
-        item if one == kind else SetAside(named(item, i), "", n_vertices_of(item))
-        for i, (item, one) in enumerate(zip(items, kinds, strict=True))
-    ]
-
-
-def _lay(matcher: PartialMatcher, item: MeshLike, i: int) -> Part:
-    """Return the reference laid onto a part."""
-    vertices, faces = arrays_of(item, i)
-    body, max_vertices = matcher.body_, matcher.estimator_[0].max_vertices
-    unit, scale = matcher.unit_, None
-    for turn in (1, -1):  # the other way round if the faces are inside out
-        faces = faces[:, ::turn]
-        if matcher.scale == "estimated":
-            area = float(np.median(matcher.areas_))
-            unit = 1 / scale_of(vertices, faces, body, matcher.trust_, area)
-            scale = matcher.unit_ / unit
-        scan = scan_of(vertices, faces, unit, max_vertices)
-        side = matcher.sides_.of(body, scan) if turn == 1 else "inside out"
-        if side != "inside out":
-            break
-    return Part(vertices / unit, faces, scan, body.lay(scan), unit, side, scale)

@@ -1,4 +1,4 @@
-"""The scale of a scan in unknown units, estimated together with its map."""
+"""Estimation of the scale of a scan in unknown units, together with its map."""
 
 import numpy as np
 
@@ -10,30 +10,30 @@ from skfmap.partial.trust import PartTrust
 
 __all__ = ["scale_of"]
 
-# Which share of the area of a whole shape a scan may show, and how many scales are tried between.
+# Fractions of the area of a whole shape that a scan may show, and the number of scales tried.
 _LEAST, _MOST, _N_SCALES = 0.2, 1.1, 8
-# Vertices that are enough to compare scales by.
+# Number of vertices of the coarse mesh on which scales are compared.
 _FEW = 2500
 
 
 def scale_of(
     vertices: FloatArray, faces: IntArray, body: Body, trust: PartTrust, area: float
 ) -> float:
-    """Return what coordinates have to be multiplied by to be in sqrt(area) of the reference.
+    """Return the factor that converts coordinates to units of sqrt(area) of the reference.
 
-    A part shows between a fifth and all of a shape, so that only scales within a factor of 2.3 are
-    possible. The one is taken at which what the surroundings of points tell fits together best.
-    There the reference is laid onto the scan, and what is covered of it says how much larger the
-    scan is than it should be.
+    A part shows between a fifth and all of a shape, so the possible scales lie within a factor of
+    2.3. Of these, the one is chosen at which the probabilities of regions are most consistent.
+    The reference is then laid onto the scan at this scale, and the area of its covered part
+    corrects the scale.
 
     Parameters
     ----------
     vertices, faces : ndarray of shape (n_vertices, 3), ndarray of int, shape (n_faces, 3)
         The scan, in any units.
     body, trust : Body, PartTrust
-        What was learned.
+        The fitted models.
     area : float
-        Of a usual training shape, in units of the reference.
+        Area of a typical training shape, in units of the reference.
     """
     coarse = scan_of(vertices, faces, 1.0, _FEW)
     own = area_and_rim(coarse.vertices, coarse.faces)[0]
@@ -45,7 +45,7 @@ def scale_of(
 
 
 def _larger(body: Body, trust: PartTrust, laid: LaidOnPart) -> float:
-    """Return how many times longer the covered part of the reference is than it usually is."""
+    """Return the ratio of lengths of the covered part of the laid reference to those at rest."""
     faces = body.regions.faces
     covered = faces[(trust.coverage(laid) >= 0.5)[faces].all(axis=1)]
     if not len(covered):

@@ -1,4 +1,4 @@
-"""A scan in the units of the reference, as parts are worked on."""
+"""The working mesh of a scan, in units of the reference."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -20,80 +20,80 @@ from skfmap.partial.recognition import features_of
 
 __all__ = ["Scan", "area_and_rim", "scan_of"]
 
-# Points that are asked where they belong, and those of them that are compared with one another.
+# Number of points that are recognised, and number of those to which distances are computed.
 N_POINTS, N_SAMPLES = 1500, 120
-# Pieces below this share of the area are not looked at, as debris is not.
+# Components below this fraction of the area are dropped as debris.
 _CRUMB = 0.005
-# Vertices that a piece keeps at least when a scan is thinned.
+# Minimum number of vertices of a component when a scan is thinned.
 _LEAST = 20
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Scan:
-    """A scan that can be worked on, in units of sqrt(area) of the reference.
+    """The working mesh of a scan, in units of sqrt(area) of the reference.
 
     Attributes
     ----------
     vertices, faces : ndarray of shape (n_vertices, 3), ndarray of int, shape (n_faces, 3)
-        Sound, without debris, and of bounded size; of one piece or several.
+        A mesh without unusable faces or debris, of bounded size and with one or more components.
     """
 
     vertices: FloatArray
     faces: IntArray
 
     def __getstate__(self) -> dict[str, object]:
-        """Return what goes to another process: all but the search tree, which is made again."""
+        """Return the state without the search tree, which other processes build again."""
         return {name: value for name, value in vars(self).items() if name != "surface"}
 
     @cached_property
     def normals(self) -> FloatArray:
-        """Of the vertices."""
+        """Normals of the vertices."""
         return vertex_normals(self.vertices, self.faces)
 
     @cached_property
     def surface(self) -> ClosestPoints:
-        """To be asked for nearest points."""
+        """Search tree for closest points."""
         return ClosestPoints(self.vertices, self.faces)
 
     @cached_property
     def features(self) -> npt.NDArray[np.float32]:
-        """Of all vertices."""
+        """Local features of all vertices."""
         return features_of(self.vertices, self.faces)
 
     @cached_property
     def from_rim(self) -> FloatArray:
-        """How far vertices are from the rim, in sqrt(area) of the reference."""
+        """Distances of the vertices from the rim, in sqrt(area) of the reference."""
         return rim_distances(self.vertices, self.faces)
 
     @cached_property
     def points(self) -> IntArray:
-        """Well-spread vertices, which are asked where they belong."""
+        """Well-spread vertices that are recognised."""
         return farthest_points(self.vertices, N_POINTS)
 
     @cached_property
     def distances(self) -> FloatArray:
-        """Distances along the scan of these points from the first of them."""
+        """Distances along the scan from ``points`` to the first of them."""
         away = edge_path_distances(self.vertices, self.faces, self.points[:N_SAMPLES])
         return np.asarray(away[:, self.points].T)
 
     @cached_property
     def straight(self) -> FloatArray:
-        """Distances of these points from the first of them on the straight line."""
+        """Straight-line distances from ``points`` to the first of them."""
         at = self.vertices[self.points]
         return np.asarray(np.linalg.norm(at[:, None] - at[None, :N_SAMPLES], axis=2))
 
 
 def scan_of(vertices: FloatArray, faces: IntArray, unit: float, max_vertices: int | None) -> Scan:
-    """Return a scan made of arrays as they were given.
+    """Return the working mesh of a scan.
 
     Parameters
     ----------
     vertices, faces : ndarray of shape (n_vertices, 3), ndarray of int, shape (n_faces, 3)
-        Some sound face at least.
+        The given mesh, with at least one usable face.
     unit : float
-        Root of the area of the reference, in the units of the coordinates.
+        Square root of the area of the reference, in the units of the coordinates.
     max_vertices : int or None
-        How many vertices to work on at most.
+        Maximum number of vertices.
     """
     kept = sound_faces(vertices, faces)
     found = keep_faces(vertices / unit, faces, kept)
@@ -105,7 +105,7 @@ def scan_of(vertices: FloatArray, faces: IntArray, unit: float, max_vertices: in
 
 
 def _thinned(vertices: FloatArray, faces: IntArray, share: float) -> tuple[FloatArray, IntArray]:
-    """Return a mesh with a share of its vertices, piece by piece, mended if need be."""
+    """Return a mesh with the given fraction of its vertices; components are mended if necessary."""
     pieces, found, n = components(faces, len(vertices))[faces[:, 0]], [], 0
     for piece in np.unique(pieces):
         own = keep_faces(vertices, faces, pieces == piece)
@@ -118,7 +118,7 @@ def _thinned(vertices: FloatArray, faces: IntArray, share: float) -> tuple[Float
 
 
 def area_and_rim(vertices: FloatArray, faces: IntArray) -> tuple[float, float]:
-    """Return the area of a mesh, and the length of its rim."""
+    """Return the area of a mesh and the length of its rim."""
     a, b, c = (vertices[faces[:, j]] for j in range(3))
     area = float(np.linalg.norm(np.cross(b - a, c - a), axis=1).sum() / 2)
     return area, rim_length(vertices, faces)

@@ -1,4 +1,4 @@
-"""How far matches are off on shapes that were held out, and on parts that are cut of them."""
+"""Errors of matches on held-out shapes, and on parts cut from them."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -18,21 +18,21 @@ from skfmap.shapes.usable import Answer
 
 __all__ = ["PartScorer", "ScoredErrors", "as_correspondence", "parts_to_score"]
 
-# Farther than this from a part, in sqrt(area), or turned away from it by 60 degrees, a point of
-# the whole shape is not on it.
+# A point of the whole shape lies on a part if it is nearer than this, in sqrt(area), and their
+# normals differ by less than 60 degrees.
 _OFF, _AGREES = 0.01, 0.5
 
 
 @dataclass(frozen=True, eq=False)
 class ScoredErrors:
-    """Errors on one shape as a score counts them: those on the whole as much as those on its parts.
+    """Errors on one shape as they enter a score: half for the shape and half for its parts.
 
     Attributes
     ----------
     whole : PairErrors
-        Of the shape as it was given.
+        Errors of the given shape.
     parts : list of PairErrors
-        Of the parts that were cut of it.
+        Errors of the parts that were cut from it.
     """
 
     whole: PairErrors
@@ -47,16 +47,16 @@ class ScoredErrors:
 
 @dataclass(frozen=True, eq=False)
 class PartScorer:
-    """Measures matches of parts.
+    """Computes the errors of matches of parts.
 
     Attributes
     ----------
     learner : WeightedFunctionalMapLearner
-        Its reference is measured on.
+        Learner on whose reference errors are computed.
     method : {"heat", "exact", "dijkstra"}
-        How; see `skfmap.metrics.GeodesicDistances`.
+        How distances are computed; see `skfmap.metrics.GeodesicDistances`.
     reference_y : Correspondence or int array, optional
-        Where the reference lies on the template; by default what was given to ``fit``.
+        Correspondence of the reference with the template; by default the one given to ``fit``.
     """
 
     learner: Any
@@ -66,8 +66,8 @@ class PartScorer:
     def errors(self, match: Match | None, truth: Correspondence) -> PairErrors:
         """Return the errors of a match at known pairs; none without a match or known pairs.
 
-        A point without an answer costs as much as an answer at random would: a model that says
-        nothing gains nothing.
+        An unmatched point has the error of a random match, so that a model gains nothing by
+        leaving points unmatched.
         """
         learner, truth_0 = self.learner, self.learner.reference_correspondence_
         if self.reference_y is not None:
@@ -97,7 +97,7 @@ class PartScorer:
 
 
 def as_correspondence(truth: Answer) -> Correspondence:
-    """Return what says where a shape lies on the template as an object."""
+    """Return the correspondence of a shape with the template as an object."""
     return truth if isinstance(truth, Correspondence) else Correspondence(np.asarray(truth))
 
 
@@ -108,18 +108,18 @@ def parts_to_score(
     cuts: Sequence[Cut],
     random_state: int,
 ) -> list[tuple[Mesh, Correspondence]]:
-    """Return one part by each of the cuts, and where it lies on the template.
+    """Return one part for each of the cuts, and its correspondence with the template.
 
     Parameters
     ----------
     vertices, faces : ndarray of shape (n_vertices, 3), ndarray of int, shape (n_faces, 3)
         A whole shape.
     truth : Correspondence
-        Of it.
+        Its correspondence with the template.
     cuts : sequence of Cut
-        Ways to cut.
+        The cuts.
     random_state : int
-        What they are drawn by, together with the shape: its parts are the same in all folds.
+        Seed, which is combined with the content of the shape: its parts are the same in all folds.
     """
     whole = Mesh(*keep_faces(vertices, faces, sound_faces(vertices, faces)))
     seed = int(whole.content_hash[:12], 16)
@@ -133,7 +133,7 @@ def parts_to_score(
 def _truth_on(
     part: Mesh, vertices: FloatArray, faces: IntArray, truth: Correspondence
 ) -> Correspondence:
-    """Return where a part lies on the template, by where the whole shape does."""
+    """Return the correspondence of a part with the template, from that of the whole shape."""
     at, normals = _points_of(vertices, faces, truth)
     near = ClosestPoints(part.vertices, part.faces).of(at)
     agree = np.einsum("na,na->n", normals, near.normals) > _AGREES
@@ -152,7 +152,7 @@ def _truth_on(
 def _points_of(
     vertices: FloatArray, faces: IntArray, truth: Correspondence
 ) -> tuple[FloatArray, FloatArray]:
-    """Return coordinates and normals of the pairs of a whole shape."""
+    """Return coordinates and normals at the pairs of a whole shape."""
     normals = vertex_normals(np.nan_to_num(vertices), faces[sound_faces(vertices, faces)])
     columns = np.hstack([np.nan_to_num(vertices), normals])
     if truth.places is None:

@@ -1,4 +1,4 @@
-"""Scans that were wound inwards, or mirrored: told by how well their surroundings fit together."""
+"""Detection of scans that are mirrored or whose faces are wound inwards."""
 
 from collections.abc import Sequence
 from typing import NamedTuple, Self
@@ -12,24 +12,24 @@ from skfmap.partial.scan import Scan
 
 __all__ = ["Sides", "mirror_image", "score_of", "turned_out"]
 
-# By how much the score of a hypothesis has to be better for the other side. Of right parts of cats
-# and creatures, it is worse by 1.8 at least if faces are wound inwards.
+# Minimum gain in the score of a hypothesis for a scan to count as reversed or mirrored. For correct
+# parts of cats and creatures, the score is worse by at least 1.8 if their faces are wound inwards.
 _CLEARLY = 1.0
-# A kind of body is unlike its mirror image if so many parts were looked at, and this share of them
-# are better than their images by so much. Where left and right look alike, a third are.
+# Bodies differ from their mirror images if there are at least this many parts, and this fraction of
+# them score better than their images by this much. A third do where left and right look alike.
 _N_PARTS, _MOST, _BETTER = 8, 0.8, 0.5
 
 
 class Sides(NamedTuple):
-    """What is known of left and right, and of inside and outside.
+    """What was learned about mirror images and about the orientation of faces.
 
     Attributes
     ----------
     usual : float
-        Median score of parts of training shapes that were left out.
+        Median score of parts of held-out training shapes.
     sided : bool
-        Whether bodies of this kind are unlike their mirror images, as jaws of one side are; where
-        left and right look alike, nothing tells a mirrored scan.
+        Whether bodies of this kind differ from their mirror images, as jaws of one side do. If
+        left and right look alike, mirrored scans cannot be detected.
     """
 
     usual: float
@@ -37,16 +37,17 @@ class Sides(NamedTuple):
 
     @classmethod
     def learned(cls, scores: Sequence[float], of_images: Sequence[float]) -> Self:
-        """Learn from scores of parts that were left out, and of their mirror images."""
+        """Learn from the scores of held-out parts and of their mirror images."""
         better = np.asarray(scores) - np.asarray(of_images)
         sided = len(better) >= _N_PARTS and np.mean(better > _BETTER) >= _MOST
         return cls(float(np.median(scores)), bool(sided))
 
     def of(self, body: Body, scan: Scan) -> str:
-        """Return "right", "inside out", "mirrored" or "negated", by which the scan fits best.
+        """Return which of "right", "inside out", "mirrored" or "negated" fits a scan best.
 
-        What fits as well as usual is right. Of sided kinds alone it is told that the scan is a
-        mirror image ("mirrored"), or that an axis was negated and the faces were left as they were.
+        A scan that scores as well as usual is "right". The last two are returned only if bodies
+        differ from their mirror images: "mirrored" if the scan is a mirror image, and "negated" if
+        an axis was negated without reversing the faces.
         """
         score = score_of(body, scan)
         if score >= self.usual:
@@ -61,17 +62,17 @@ class Sides(NamedTuple):
 
 
 def turned_out(scan: Scan) -> Scan:
-    """Return a scan with its faces wound the other way."""
+    """Return a scan with its faces reversed."""
     return Scan(scan.vertices, np.ascontiguousarray(scan.faces[:, ::-1]))
 
 
 def mirror_image(scan: Scan) -> Scan:
-    """Return the mirror image of a scan, wound as it is."""
+    """Return the mirror image of a scan, with its faces wound outwards if they were before."""
     return Scan(scan.vertices * MIRROR, np.ascontiguousarray(scan.faces[:, ::-1]))
 
 
 def score_of(body: Body, scan: Scan) -> float:
-    """Return how well what the surroundings of points tell fits together; higher is better."""
+    """Return how consistent the probabilities of regions on a scan are; higher is better."""
     regions = body.regions
     apart = regions.distances[:, regions.centres].astype(np.float64)
     logarithms = body.recogniser.logarithms(scan.features[scan.points])

@@ -1,4 +1,4 @@
-"""Tears of a match: where neighbours on a scan end far apart on the reference."""
+"""Tears of a match, where neighbours on a scan are matched far apart on the reference."""
 
 import numpy as np
 import scipy.sparse as sp
@@ -13,23 +13,23 @@ __all__ = ["faces_with_edges", "sizes_of_tears", "stretched_edges", "without_isl
 def stretched_edges(
     edges: IntArray, lengths: FloatArray, ways: FloatArray, *, stretch: float, apart: float
 ) -> IntArray:
-    """Return the edges whose ends land too far apart.
+    """Return the edges whose ends are matched too far apart.
 
     Parameters
     ----------
     edges : ndarray of int, shape (n_edges, 2)
-        Of the scan.
+        Edges of the scan.
     lengths, ways : ndarray of shape (n_edges,)
-        Of the edges on the scan, and distances between the answers for their ends along the
-        reference, in one unit.
+        Lengths of the edges on the scan, and distances between the matches of their ends along
+        the reference, in the same units.
     stretch, apart : float
-        How many times its length an edge may become, and how much longer than that, for answers
-        err.
+        An edge is torn if ``ways > stretch * lengths + apart``. The second value allows for errors
+        of the match.
 
     Returns
     -------
     ndarray of int, shape (n_torn, 2)
-        Some rows of ``edges``.
+        The torn rows of ``edges``.
 
     Examples
     --------
@@ -43,23 +43,23 @@ def stretched_edges(
 
 
 def sizes_of_tears(edges: IntArray, n_vertices: int) -> FloatArray:
-    """Return how large the tear is that each torn edge belongs to.
+    """Return the size of the tear that each torn edge belongs to.
 
-    That is about how many vertices would have to move to mend it: one where a single vertex is
-    answered wrongly, however many neighbours it has (the fractional matching number of the graph
-    of torn edges).
+    The size is approximately the number of vertices that would have to move to mend the tear. It
+    is 1 if a single vertex is matched wrongly, however many neighbours it has (the fractional
+    matching number of the graph of torn edges).
 
     Parameters
     ----------
     edges : ndarray of int, shape (n_edges, 2)
-        Torn edges, each once. Those that share vertices make one tear.
+        Torn edges, each once. Edges that share vertices belong to the same tear.
     n_vertices : int
-        Of the scan.
+        Number of vertices of the scan.
 
     Returns
     -------
     ndarray of shape (n_edges,)
-        Sizes, multiples of one half.
+        Sizes, which are multiples of 0.5.
 
     Examples
     --------
@@ -87,21 +87,21 @@ def without_islands(
     answers: IntArray,
     least_area: float,
 ) -> IntArray:
-    """Return answers in which islands, torn off all around, have those of the shore.
+    """Return matches in which small islands, torn off all around, take those of their surroundings.
 
-    A few vertices that are answered wrongly leave no tear then; where parts are glued, the shore
-    itself is torn, and a tear remains.
+    A few wrongly matched vertices then leave no tear. Where parts are glued, the surroundings
+    themselves are torn, and a tear remains.
 
     Parameters
     ----------
     vertices, areas : ndarray of shape (n_vertices, 3), ndarray of shape (n_vertices,)
-        Of the scan, and areas of its vertices.
+        Vertices of the scan, and their areas.
     edges, is_torn : ndarray of int, shape (n_edges, 2), ndarray of bool, shape (n_edges,)
-        Of the scan, and which are torn.
+        Edges of the scan, and which of them are torn.
     answers : ndarray of int, shape (n_vertices,)
-        Of the vertices.
+        Matched vertices of the reference.
     least_area : float
-        Pieces below this are islands.
+        Components with a smaller area are islands.
     """
     whole = edges[~is_torn]
     graph = sp.csr_array(
@@ -120,7 +120,7 @@ def without_islands(
 
 
 def faces_with_edges(faces: IntArray, edges: IntArray, n_vertices: int) -> BoolArray:
-    """Return which faces have one of some edges, shape (n_faces,)."""
+    """Return which faces contain one of the given edges, shape (n_faces,)."""
     own = np.sort(np.stack([faces, np.roll(faces, -1, axis=1)], axis=2), axis=2)
     asked = np.sort(edges, axis=1).astype(np.int64)
     numbers = own[..., 0].astype(np.int64) * n_vertices + own[..., 1]

@@ -1,4 +1,4 @@
-"""How far a match of a part can be trusted, learned from parts of training shapes left out."""
+"""Calibration of matches of parts, learned from parts of held-out training shapes."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -13,21 +13,22 @@ from skfmap.partial.scan import Scan
 
 __all__ = ["PartTrust", "Seen"]
 
-# Least error, in sqrt(area), that logarithms are taken of, and the penalty of the regression.
+# Added to errors, in sqrt(area), before logarithms are taken, and the ridge penalty.
 _LEAST, _RIDGE = 0.005, 1e-2
-# Vertices, by the error that the regression expects, among which the mean error is taken.
+# Number of bins of vertices by predicted error, in each of which the mean error is taken.
 _N_BINS = 15
-# Error within which a match counts as right, in sqrt(area); as in `Match.confidence`.
+# Error below which a match counts as right, in sqrt(area), as in `Match.confidence`.
 _RIGHT = 0.1
-# A scan is unlike the training shapes if the share of it that lies off the reference, or the strain
-# of that, is so many times what this share of parts kept below; the former is this at least.
+# A scan is unfamiliar if the fraction of it that lies off the reference, or the strain of the
+# reference, exceeds this multiple of this quantile over parts of training shapes. The limit of the
+# fraction is at least the last value.
 _TIMES, _USUAL, _AT_LEAST = 1.5, 0.9, 0.15
-# Distance from the rim that counts, in sqrt(area).
+# Largest distance from the rim that makes a difference, in sqrt(area).
 _REACH = 0.3
 
 
 class Seen(NamedTuple):
-    """A training part that was left out, and how the reference was laid onto it."""
+    """A held-out training part, and the reference laid onto it."""
 
     lesson: Lesson
     laid: LaidOnPart
@@ -35,20 +36,22 @@ class Seen(NamedTuple):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class PartTrust:
-    """What matches of parts showed.
+    """Calibrated errors, coverage and limits of familiarity.
 
     Attributes
     ----------
     slopes : ndarray of shape (n_columns,)
-        Of the logarithm of the error.
+        Regression coefficients of the log-error.
     levels, errors, right : ndarray of shape (n_bins,)
-        Regressed logarithms, and the mean error and the share of right matches there.
+        Predicted log-errors, and the mean error and the fraction of right matches at each.
     cover : ndarray of shape (n_signs + 1,)
-        Of the logit of the probability that a vertex of the reference is covered.
+        Logistic regression coefficients, then the intercept, of the probability that a vertex of
+        the reference is covered.
     usual_off, usual_strain : float
-        Share of a part that lies off the reference, and strain of that, below which most kept.
+        Fraction of a part that lies off the reference, and strain of the reference: quantiles over
+        the held-out parts.
     mean_error : float
-        On the parts left out, in sqrt(area).
+        Mean error on the held-out parts, in sqrt(area).
     """
 
     slopes: FloatArray
@@ -62,7 +65,7 @@ class PartTrust:
 
     @classmethod
     def learned(cls, seen: Sequence[Seen], regions: Regions) -> Self:
-        """Learn from parts of training shapes that were left out."""
+        """Learn from parts of held-out training shapes."""
         columns = [_columns(one.lesson.scan, one.laid) for one in seen]
         errors = [regions.ways(one.lesson.vertices_0, one.laid.p2p) for one in seen]
         X, y = np.concatenate(columns), np.concatenate(errors)
@@ -86,7 +89,7 @@ class PartTrust:
         )
 
     def assess(self, scan: Scan, laid: LaidOnPart) -> tuple[FloatArray, FloatArray]:
-        """Return the error to expect at each vertex of a scan, and how often such are right."""
+        """Return the expected error and the probability of a right match at each vertex."""
         at = _columns(scan, laid) @ self.slopes
         return np.interp(at, self.levels, self.errors), np.interp(at, self.levels, self.right)
 
@@ -96,18 +99,18 @@ class PartTrust:
         return np.asarray(1 / (1 + np.exp(-logit)))
 
     def is_familiar(self, laid: LaidOnPart) -> bool:
-        """Tell whether a scan lies on the reference as parts of training shapes do."""
+        """Return whether the reference fits a scan as well as it fits parts of training shapes."""
         off = max(_TIMES * self.usual_off, _AT_LEAST)
         return bool(laid.off <= off and laid.strain <= _TIMES * self.usual_strain)
 
 
 def is_right(error: FloatArray) -> BoolArray:
-    """Tell which errors are small."""
+    """Return which errors are small enough for a match to count as right."""
     return error < _RIGHT
 
 
 def _columns(scan: Scan, laid: LaidOnPart) -> FloatArray:
-    """Return what errors are regressed on, at each vertex of a scan; a constant first."""
+    """Return the regressors of the log-error at each vertex of a scan, with a constant first."""
     n = len(laid.p2p)
     disagreement = np.log(laid.disagreement + 0.02)
     return np.column_stack(
@@ -128,7 +131,7 @@ def _columns(scan: Scan, laid: LaidOnPart) -> FloatArray:
 
 
 def _by_level(levels: FloatArray, errors: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return mean errors by what was regressed, never falling, and shares of right matches."""
+    """Return mean errors and fractions of right matches by predicted log-error; both monotonic."""
     order = np.argsort(levels, kind="stable")
     parts = np.array_split(order, min(_N_BINS, len(order)))
     at = np.array([levels[part].mean() for part in parts])

@@ -1,4 +1,4 @@
-"""What a person should know of scans that were, or were not, matched as parts."""
+"""Warnings about scans that were matched as parts, or could not be matched."""
 
 from collections.abc import Sequence
 
@@ -9,32 +9,64 @@ from skfmap.exceptions import (
     StabilityWarning,
     UnfamiliarShapeWarning,
 )
+from skfmap.io import MeshLike, named
+from skfmap.partial.answers import Part
+from skfmap.partial.trust import PartTrust
 
-__all__ = ["warn_of_few", "warn_of_sides", "warn_of_size", "warn_of_strange"]
+__all__ = ["warn_of_few", "warn_of_parts"]
 
 
-# Shapes beside the reference that are few.
+# With at most this many shapes besides the reference, there is a warning.
 _FEW = 2
 
 
 def warn_of_few(n_others: int) -> None:
-    """Say that hardly anything was left to learn from when a shape was left out."""
+    """Warn if hardly any shapes remain to learn from when one is left out."""
     if n_others <= _FEW:
         warn(
-            f"PartialMatcher learned from {n_others} shapes beside the reference: when one is left "
-            "out, the other shows alone how bodies deform, so that errors to expect, and what "
-            "counts as unfamiliar, are coarse. Give five shapes and more, best ten.",
+            f"PartialMatcher learned from {n_others} shapes besides the reference. When one is "
+            "left out, only the other one shows how bodies deform, so expected errors and the "
+            "limits of what is familiar are coarse. Give at least five shapes, or better ten.",
             StabilityWarning,
         )
 
 
-def warn_of_size(called: Sequence[str], kinds: Sequence[str]) -> None:
-    """Name the scans of which nothing can be said, and why.
+def warn_of_parts(
+    items: Sequence[MeshLike], kinds: Sequence[str], parts: dict[int, Part], trust: PartTrust
+) -> None:
+    """Warn of scans that were not matched, or whose matches should not be relied on.
+
+    Parameters
+    ----------
+    items : sequence of meshes
+        All scans that were given.
+    kinds : sequence of str
+        "whole", "part", an empty string, or why a scan was not matched.
+    parts : dict of int to Part
+        The scans that were matched as parts, by index.
+    trust : PartTrust
+        What decides whether a part is familiar.
+    """
+    names = [named(item, i) for i, item in enumerate(items)]
+    called = [f"X[{i}]" if name is None else f"X[{i}] ({name!r})" for i, name in enumerate(names)]
+    _warn_of_size(called, kinds)
+    _warn_of_sides([called[i] for i in parts], [part.side for part in parts.values()])
+    _warn_of_strange(
+        [
+            called[i]
+            for i, part in parts.items()
+            if part.is_itself and not trust.is_familiar(part.laid)
+        ]
+    )
+
+
+def _warn_of_size(called: Sequence[str], kinds: Sequence[str]) -> None:
+    """Warn of scans that were not matched because of their size.
 
     Parameters
     ----------
     called, kinds : sequence of str
-        What each scan is called, and "whole", "part", nothing, or why it was not matched.
+        Name of each scan, and "whole", "part", an empty string, or why it was not matched.
     """
     told = "; ".join(
         f"{who}: {kind}"
@@ -43,17 +75,17 @@ def warn_of_size(called: Sequence[str], kinds: Sequence[str]) -> None:
     )
     if told:
         warn(
-            f"Unlike the training shapes in size, and not matched: {told}. Scans have to be in "
-            "the units of the training shapes, and show 15 % of a shape at least.",
+            f"Not matched, since their sizes differ from those of the training shapes: {told}. "
+            "Scans must be in the units of the training shapes, and show at least 15 % of a shape.",
             SkippedShapeWarning,
         )
 
 
-def warn_of_strange(called: Sequence[str]) -> None:
-    """Name the scans that the reference does not lie on as on parts of training shapes."""
+def _warn_of_strange(called: Sequence[str]) -> None:
+    """Warn of scans that the reference fits worse than it fits parts of training shapes."""
     if called:
         warn(
-            f"The reference does not lie on {', '.join(called)} as on parts of the training "
+            f"The reference fits {', '.join(called)} worse than it fits parts of the training "
             "shapes. Another kind of body, or other units? Do not rely on these matches.",
             UnfamiliarShapeWarning,
         )
@@ -61,27 +93,27 @@ def warn_of_strange(called: Sequence[str]) -> None:
 
 _SIDES = {
     "inside out": (
-        "Faces are wound inwards on {}, and were turned for the match. If an axis was negated "
-        "instead, negate it back: left and right are exchanged otherwise."
+        "Faces are wound inwards on {}, and were reversed for the match. If an axis was negated "
+        "instead, negate it back; otherwise left and right are exchanged."
     ),
     "mirrored": (
-        "As mirror images, these scans fit the training shapes better: {}. Negate one axis and "
-        "turn the faces, faces[:, ::-1], if they were mirrored; do not rely on these matches."
+        "As mirror images, these scans fit the training shapes better: {}. If they were mirrored, "
+        "negate one axis and reverse the faces, faces[:, ::-1]. Do not rely on these matches."
     ),
     "negated": (
-        "An axis seems to be negated in {}, with the faces left as they were: negate it back. Do "
-        "not rely on these matches."
+        "An axis seems to be negated in {}, without reversing the faces. Negate it back. Do not "
+        "rely on these matches."
     ),
 }
 
 
-def warn_of_sides(called: Sequence[str], sides: Sequence[str]) -> None:
-    """Name the scans that are inside out or mirrored.
+def _warn_of_sides(called: Sequence[str], sides: Sequence[str]) -> None:
+    """Warn of scans that are inside out or mirrored.
 
     Parameters
     ----------
     called, sides : sequence of str
-        What each part is called, and its side.
+        Name of each part, and its side.
     """
     for side, message in _SIDES.items():
         those = [who for who, own in zip(called, sides, strict=True) if own == side]

@@ -1,4 +1,4 @@
-"""The reference laid onto each shape: its mesh in the shape's form, and points from there."""
+"""Registration of the reference mesh to each shape, and matches obtained from it."""
 
 from skfmap.registration.deformation import Deformation
 from skfmap.registration.part import Laid, Registration

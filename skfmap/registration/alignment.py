@@ -1,4 +1,4 @@
-"""A shape moved onto another by a similarity: where shapes are stiff, space says where to begin."""
+"""Alignment of a shape to another by a similarity, as the start of a registration."""
 
 from collections.abc import Iterable
 from itertools import chain
@@ -13,19 +13,22 @@ from skfmap.geometry.normals import vertex_normals
 
 __all__ = ["align", "nearest_poses", "principal_axes"]
 
-# Vertices that are aligned: few to choose among starts, more for the end.
+# Number of vertices that are aligned: few to choose among starts, more for the final result; and
+# the numbers of rounds with each.
 _FEW, _MANY = 500, 1500
 _ROUNDS_OF_FEW, _ROUNDS_OF_MANY = 20, 25
-# Share of the nearest points that count, at first and later: what is left are parts that differ.
+# Fraction of the nearest points that are used, in the first rounds and later; the others are parts
+# that differ.
 _AT_FIRST, _LATER, _FIRST_ROUNDS = 0.5, 0.8, 10
 # Cosine of the angle within which normals agree, about 70 degrees: shapes are not yet deformed.
 _AGREES = 0.3
-# Cost of other starts, as a share of what it is: bodies that are nearly their own image in half a
-# turn lie about as well either way, and then the match decides.
+# Number of orientations of the principal axes, and the factor on the costs of other starts: bodies
+# that are nearly symmetric under half a turn fit about as well either way, and then the match
+# decides.
 _N_TURNS, _PREFERRED = 4, 0.7
-# Distance, in sqrt(area), that a point counts with whose normal does not agree.
+# Cost, in sqrt(area), of a point whose normal does not agree, and the maximum cost of a point.
 _AGAINST = 0.1
-# Of poses: vertices that choose among them and the rounds in which they do, and then the end.
+# For poses: numbers of vertices and of rounds to choose among them, and for the final result.
 _OF_POSES, _ROUNDS_OF_POSES, _MANY_OF_POSES, _ROUNDS_AT_LAST = 150, 6, 400, 15
 
 
@@ -37,28 +40,28 @@ def align(
     areas: FloatArray,
     starts: Iterable[Similarity] = (),
 ) -> Similarity:
-    """Return the similarity that lays a shape nearest onto a surface (iterative closest points).
+    """Return the similarity that best aligns a shape with a surface (iterative closest points).
 
-    From the principal axes in their four proper turns, and from other starts; the best is kept,
-    others rather than turns where both are about as good.
+    It starts from the four proper orientations of the principal axes, and from the given starts.
+    The best result is kept; a given start is preferred if both are about as good.
 
     Parameters
     ----------
     vertices, faces : ndarray of shape (n_vertices, 3), ndarray of int, shape (n_faces, 3)
-        The shape that is moved, of about unit area.
+        The shape to move, of approximately unit area.
     target : ClosestPoints
         The surface, of unit area.
     frame : tuple of ndarray
         `principal_axes` of the surface.
     areas : ndarray of shape (n_vertices,)
-        Of the vertices of the shape.
+        Areas of the vertices of the shape.
     starts : iterable of Similarity
-        What else to begin with.
+        Additional starts.
 
     Returns
     -------
     Similarity
-        Without a reflection.
+        The best similarity, which is not a reflection.
     """
     normals, rows = vertex_normals(vertices, faces), farthest_points(vertices, _MANY)
     own = principal_axes(vertices, areas)
@@ -80,27 +83,28 @@ def nearest_poses(
     areas: FloatArray,
     n_kept: int,
 ) -> list[FloatArray]:
-    """Return the poses that a similarity lays nearest onto a surface, the nearest first.
+    """Return the poses that similarities align best with a surface, the best first.
 
-    Each is tried in the four proper turns of the principal axes, and can be kept in more than one.
+    Each pose is tried in the four proper orientations of the principal axes, and can be returned in
+    more than one of them.
 
     Parameters
     ----------
     poses : ndarray of shape (n_poses, n_vertices, 3)
-        Coordinates of one mesh, of about unit area.
+        Coordinates of one mesh in several poses, of approximately unit area.
     faces : ndarray of int, shape (n_faces, 3)
         Its faces.
     target, frame : ClosestPoints, tuple of ndarray
         The surface, of unit area, and its `principal_axes`.
     areas : ndarray of shape (n_vertices,)
-        Of the vertices of the mesh.
+        Areas of the vertices of the mesh.
     n_kept : int
-        How many are returned.
+        Number of poses to return.
 
     Returns
     -------
     list of ndarray of shape (n_vertices, 3)
-        Coordinates where they lie.
+        Aligned coordinates.
     """
     found: list[tuple[float, int, Similarity]] = []
     for number, pose in enumerate(poses):
@@ -118,13 +122,13 @@ def nearest_poses(
 
 
 def _some(vertices: FloatArray, faces: IntArray, n: int) -> tuple[FloatArray, FloatArray]:
-    """Return well-spread vertices and the normals there."""
+    """Return well-spread vertices and their normals."""
     rows = farthest_points(vertices, n)
     return vertices[rows], vertex_normals(vertices, faces)[rows]
 
 
 def principal_axes(vertices: FloatArray, areas: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return the centroid of the area, and its principal axes as the columns of a rotation."""
+    """Return the area centroid, and the principal axes as the columns of a rotation."""
     share = areas / areas.sum()
     centre = share @ vertices
     _, axes = np.linalg.eigh((vertices - centre).T @ (share[:, None] * (vertices - centre)))
@@ -135,7 +139,7 @@ def principal_axes(vertices: FloatArray, areas: FloatArray) -> tuple[FloatArray,
 def _turns(
     own: tuple[FloatArray, FloatArray], onto: tuple[FloatArray, FloatArray]
 ) -> Iterable[Similarity]:
-    """Yield the four similarities of scale 1 that take axes to axes."""
+    """Yield the four similarities of scale 1 that map axes to axes."""
     for signs in ((1, 1, 1), (1, -1, -1), (-1, 1, -1), (-1, -1, 1)):
         rotation = (own[1] * np.array(signs, dtype=np.float64)) @ onto[1].T
         yield Similarity(1.0, rotation, onto[0] - own[0] @ rotation)
@@ -144,7 +148,7 @@ def _turns(
 def _closer(
     points: FloatArray, normals: FloatArray, target: ClosestPoints, start: Similarity, n_rounds: int
 ) -> Similarity:
-    """Return the similarity after rounds of closest points, from those that are nearest."""
+    """Return the similarity after rounds of closest points that use only the nearest ones."""
     found = start
     for number in range(n_rounds):
         near = target.of(found.apply(points))
@@ -161,7 +165,7 @@ def _closer(
 def _cost(
     points: FloatArray, normals: FloatArray, target: ClosestPoints, found: Similarity
 ) -> float:
-    """Return the mean distance from the surface, where normals agree."""
+    """Return the mean distance from the surface, with a fixed cost where normals disagree."""
     near = target.of(found.apply(points))
     agree = np.einsum("na,na->n", normals @ found.rotation, near.normals) > _AGREES
     return float(np.where(agree, np.minimum(near.distances, _AGAINST), _AGAINST).mean())

@@ -1,4 +1,4 @@
-"""The reference laid onto stiff shapes by a few landmarks, which are compared with one another."""
+"""Registration of the reference to stiff shapes by a few landmarks, with checks of these."""
 
 from itertools import combinations
 from typing import NamedTuple, TypeAlias
@@ -27,38 +27,40 @@ __all__ = [
     "nearest_in_space",
 ]
 
-# Stiffness at which the reference is laid onto training shapes, whose pairs are known.
+# Stiffness for laying the reference onto training shapes, whose pairs are known.
 _OF_TRAINING = 0.3
-# How strongly landmarks draw, beside 1 for the surface at a vertex: placed with noise, they are not
-# held. On mandibles with 13 of them, 10 rather than 1 brings errors from 0.288 to 0.256 mm;
-# 3 and 30 end within 0.002 of 10.
+# Attraction by a landmark, relative to 1 for the surface at a vertex. Landmarks are noisy, so they
+# are not fixed. On mandibles with 13 landmarks, 10 instead of 1 reduces errors from 0.288 to
+# 0.256 mm; 3 and 30 are within 0.002 of 10.
 _DRAW = 10.0
-# Landmarks that a similarity is fitted to, at least. Two are exchanged where exchanging them leaves
-# little of the squared distance from where the others put them, and that is far beyond the usual.
-# Of mandibles, 1,478 of 1,482 such slips are found, and none where there is none.
+# Minimum number of landmarks that a similarity is fitted to. Two landmarks count as exchanged if
+# exchanging them leaves little of the squared distance from where the others put them, and if that
+# distance is far beyond the usual one. On mandibles, 1,478 of 1,482 exchanges are found, without
+# false alarms.
 _TO_FIT, _RELIEF, _BEYOND = 4, 4.0, 4.0
-# Groups of landmarks that are left out in turn.
+# Number of groups of landmarks that are left out in turn.
 _N_GROUPS = 3
-# A landmark is doubtful that the others put farther away than this, in sqrt(area), and than so many
-# times the median of its shape's. Of mandibles and skulls 0.1 is the most, where a tip is broken.
+# A landmark is doubtful if the others put it farther away than this, in sqrt(area), and than this
+# many times the median of its shape. On mandibles and skulls the maximum is 0.1, where a tip is
+# broken.
 _DOUBTFUL, _TIMES = 0.12, 6.0
-# How far apart opposite normals are, in mean edges.
+# Distance that opposite normals add, in mean edge lengths.
 _NORMALS = 4.0
 
 
 class LandmarkBuild(NamedTuple):
-    """A map that was built in space from landmarks.
+    """A map that was computed in space from landmarks.
 
     Attributes
     ----------
     p2p, inverse : ndarray of int
-        Working vertex of S_0 for each of S_i, and of S_i for each of S_0.
+        Working vertex of S_0 for each one of S_i, and of S_i for each one of S_0.
     wrong : ndarray of bool, shape (n_landmarks,)
-        Landmarks that are far from where the others put them; they do not draw.
+        Landmarks that are far from where the others put them; they are not used.
     put : ndarray of int, shape (n_landmarks,)
-        Working vertex of S_0 that lies nearest to each when it does not draw.
+        Working vertex of S_0 that lies nearest to each landmark when it is left out.
     exchanged : list of (int, int)
-        Landmarks each of which is where the other should be, by their rows; they are wrong too.
+        Rows of pairs of landmarks that are exchanged with each other; these are wrong too.
     """
 
     p2p: IntArray
@@ -71,17 +73,17 @@ class LandmarkBuild(NamedTuple):
 def lay_by_landmarks(spectral_0: SpectralShape, surface: _Surface, pairs: Anchors) -> FloatArray:
     """Return the reference's working vertices on a stiff shape, (n_vertices_0, 3), at unit area.
 
-    Moved by the similarity of the landmarks, then drawn by them and by the closest points of the
-    surface.
+    They are aligned by a similarity fitted to the landmarks, and then attracted by the landmarks
+    and by the closest points of the surface.
 
     Parameters
     ----------
     spectral_0 : SpectralShape
-        S_0.
+        The reference S_0.
     surface : tuple of ndarray
         Vertices and faces of the shape, of unit area.
     pairs : Anchors
-        Landmarks: places on S_0, and points.
+        Landmarks, as places on S_0 and points on the shape.
     """
     rest = Deformation.of_reference(spectral_0.vertices, spectral_0.mesh.faces)
     at = np.asarray(pairs.places @ spectral_0.vertices)
@@ -99,18 +101,18 @@ def lay_by_landmarks(spectral_0: SpectralShape, surface: _Surface, pairs: Anchor
 def build_in_space(
     spectral_0: SpectralShape, surface: _Surface, places_0: SparseMatrix, points: FloatArray
 ) -> LandmarkBuild:
-    """Build the map of a stiff shape from its landmarks, without those that the others contradict.
+    """Compute the map of a stiff shape from its landmarks, without those that others contradict.
 
     Parameters
     ----------
     spectral_0 : SpectralShape
-        S_0.
+        The reference S_0.
     surface : tuple of ndarray
         Vertices and faces of the shape, of unit area.
     places_0 : sparse array of shape (n_landmarks, n_vertices_0)
-        Where the landmarks are on S_0.
+        Places of the landmarks on S_0.
     points : ndarray of shape (n_landmarks, 3)
-        Where they are on the shape, at unit area.
+        Their positions on the shape, at unit area.
     """
     pairs = Anchors(places_0, points, np.full(len(points), _DRAW))
     swapped = exchanged(np.asarray(places_0 @ spectral_0.vertices), points)
@@ -118,7 +120,8 @@ def build_in_space(
     put = _left_out(spectral_0, surface, pairs, right)
     doubtful = _doubtful(spectral_0, places_0, put) & right
     if doubtful.any() and (right & ~doubtful).sum() > _N_GROUPS:
-        # What those beyond doubt say of all: others were in doubt because of wrong ones.
+        # Judge all landmarks again by those that are not doubtful: right ones may have seemed
+        # doubtful because of wrong ones.
         put = _left_out(spectral_0, surface, pairs, right & ~doubtful)
         right &= ~_doubtful(spectral_0, places_0, put)
     laid = lay_by_landmarks(spectral_0, surface, _only(pairs, right))
@@ -128,7 +131,7 @@ def build_in_space(
 
 
 def exchanged(points_0: FloatArray, points: FloatArray) -> list[tuple[int, int]]:
-    """Return the pairs of landmarks of a stiff shape each of which is where the other should be.
+    """Return the pairs of landmarks of a stiff shape that are exchanged with each other.
 
     Parameters
     ----------
@@ -165,9 +168,9 @@ def exchanged(points_0: FloatArray, points: FloatArray) -> list[tuple[int, int]]
 def nearest_in_space(
     spectral_0: SpectralShape, surface: _Surface, laid: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Return rows, of S_i and of S_0, whose distances are those of points that face the same way.
+    """Return rows of coordinates and weighted normals, for S_i and for S_0.
 
-    The more normals differ, the farther points are apart.
+    The distance of two rows increases with the difference of the normals.
     """
     width = _NORMALS / 2 * np.sqrt(2 / len(laid))
     rows = (
@@ -188,7 +191,7 @@ def _only(pairs: Anchors, rows: BoolArray) -> Anchors:
 def _left_out(
     spectral_0: SpectralShape, surface: _Surface, pairs: Anchors, right: BoolArray
 ) -> IntArray:
-    """Return where right landmarks that are not of its own group put each: vertices of S_0."""
+    """Return the vertex of S_0 where the right landmarks of the other groups put each landmark."""
     put = np.empty(len(right), dtype=np.int64)
     at = np.asarray(pairs.places @ spectral_0.vertices)
     rank = np.argsort(farthest_points(at, len(at)))  # the groups are spread

@@ -1,4 +1,4 @@
-"""The reference laid onto a surface: deformed from a start, then drawn to the closest points."""
+"""Non-rigid registration of the reference to matched points and to the closest surface points."""
 
 from typing import NamedTuple
 
@@ -14,38 +14,40 @@ from skfmap.registration.deformation import Deformation
 
 __all__ = ["Anchors", "flipped_faces", "lay", "lay_on_points", "relaxed", "unfold"]
 
-# How strongly matched points draw, beside edges of weight about 1; of 0.01 to 0.2 all did as well.
+# Attraction by matched points, relative to edges of weight about 1. Values from 0.01 to 0.2 all
+# gave the same errors. The second is the number of rounds.
 _DRAW = 0.05
 _POINT_ROUNDS = 8
-# Distance, in sqrt(area), beyond which a matched point is taken for a wrong one.
+# Scale, in sqrt(area), of the robust weight of matched points: farther ones are probably wrong.
 _WRONG = 0.05
-# Distance, in sqrt(area), beyond which the surface draws no more.
+# Standard deviation, in sqrt(area), of the Gaussian weight of the attraction by the surface.
 _REACH = 0.1
 # Cosine of the angle within which normals agree: 60 degrees.
 _AGREES = 0.5
-# The stiffness falls from so many times what it ends with, in so many rounds.
+# Initial stiffness as a multiple of the final one, and the number of rounds.
 _STIFFER, _ROUNDS = 100.0, 9
-# Turns of rotations and coordinates in a round.
+# Number of alternations of rotations and coordinates in a round.
 _TURNS = 2
-# What holds vertices where they are, beside the surface's 1: if nothing draws, nothing moves.
+# Weight that holds vertices where they are, relative to 1 for the surface: without any attraction,
+# nothing moves.
 _IN_PLACE = 1e-7
-# Rounds in which folds are let go, with so many rings around them in each.
+# Number of rings around folds that are smoothed, in each round of unfolding.
 _UNFOLDING = (1, 2, 2, 3, 3, 4, 4)
-# Rounds in which corners of what folds are left move towards their neighbours.
+# Maximum number of rounds in which corners of the remaining folds move towards their neighbours.
 _SMOOTHING = 20
 
 
 class Anchors(NamedTuple):
-    """Places of the reference, and the points that they should lie on.
+    """Places on the reference, and the points that attract them.
 
     Attributes
     ----------
     places : sparse array of shape (n, n_vertices)
-        Rows sum to 1.
+        Barycentric weights of the places; rows sum to 1.
     points : ndarray of shape (n, 3)
-        Where they belong.
+        Target positions.
     weights : ndarray of shape (n,)
-        How strongly they draw, beside the surface's 1 for each vertex.
+        Strength of the attraction, relative to 1 for the surface at each vertex.
     """
 
     places: SparseMatrix
@@ -54,18 +56,18 @@ class Anchors(NamedTuple):
 
 
 def lay_on_points(deformation: Deformation, anchors: Anchors, start: FloatArray) -> FloatArray:
-    """Return the reference deformed so that its places lie near given points.
+    """Return the reference deformed so that places on it lie near given points.
 
-    Points that the deformation cannot follow count for less from round to round.
+    The weights of points that the deformation cannot reach decrease from round to round.
 
     Parameters
     ----------
     deformation : Deformation
-        How it deforms.
+        Deformation model.
     anchors : Anchors
-        The points.
+        Places and points.
     start : ndarray of shape (n_vertices, 3)
-        Coordinates to begin with.
+        Initial coordinates.
 
     Returns
     -------
@@ -92,26 +94,28 @@ def lay(
     stiffness: float,
     anchors: Anchors | None = None,
 ) -> FloatArray:
-    """Return the reference drawn to the closest points of a surface, softer from round to round.
+    """Return the reference attracted by the closest points of a surface, with falling stiffness.
 
-    Points whose normals do not agree, that are far, or on the rim of an open surface do not draw.
+    Closest points do not attract if they are far away, if their normals do not agree, or if they
+    lie on the rim of an open surface.
 
     Parameters
     ----------
     deformation : Deformation
-        How it deforms.
+        Deformation model.
     faces : ndarray of int, shape (n_faces, 3)
-        Of the reference.
+        Faces of the reference.
     target : ClosestPoints
         The surface, of unit area.
     start : ndarray of shape (n_vertices, 3)
-        Coordinates to begin with.
+        Initial coordinates.
     areas : ndarray of shape (n_vertices,)
-        Of the reference's vertices; the surface draws each by its area.
+        Areas of the reference's vertices. The attraction of a vertex is proportional to its area.
     stiffness : float
-        Of the last round, beside a mean of 1 with which the surface draws a vertex.
+        Stiffness of the last round, relative to the attraction of each vertex by the surface, whose
+        mean is 1.
     anchors : Anchors, optional
-        Points that draw as well.
+        Additional points that attract places of the reference.
 
     Returns
     -------
@@ -131,7 +135,7 @@ def lay(
 
 
 def flipped_faces(deformation: Deformation, faces: IntArray, vertices: FloatArray) -> BoolArray:
-    """Return which faces are folded over: turned against the rotation of their corners."""
+    """Return which faces are folded over, against the mean rotation of their corners."""
     rest = deformation.shape_at_rest
     turns = deformation.mean.rotations(vertices)[faces].mean(axis=1)
     before = np.einsum("nab,nb->na", turns, face_normals(rest, faces))
@@ -139,10 +143,10 @@ def flipped_faces(deformation: Deformation, faces: IntArray, vertices: FloatArra
 
 
 def unfold(deformation: Deformation, faces: IntArray, vertices: FloatArray) -> FloatArray:
-    """Return the coordinates with folds smoothed out, and what lies around them.
+    """Return coordinates in which folds and their neighbourhoods are smoothed out.
 
-    Around folds, rotations are those of the surroundings, as smooth as can be, and coordinates
-    follow them.
+    The rotations around folds are interpolated as smoothly as possible from those of the
+    surroundings, and the coordinates follow them.
     """
     elastic = deformation.mean
     rings = (elastic.ends @ elastic.ends.T).tocsr()
@@ -161,10 +165,10 @@ def unfold(deformation: Deformation, faces: IntArray, vertices: FloatArray) -> F
 
 
 def _smoothed(deformation: Deformation, faces: IntArray, vertices: FloatArray) -> FloatArray:
-    """Return the coordinates with corners of folds moved half way to their neighbours' mean.
+    """Return coordinates in which corners of folds are moved half way to their neighbours' mean.
 
-    What folds are left are slivers, by a twentieth of a face: of 10,000 faces of cats, 0 to 26, and
-    none or one after this.
+    The remaining folds are slivers of about a twentieth of a face. Of 10,000 faces of cats, 0 to 26
+    are folded before this, and none or one afterwards.
     """
     ends = deformation.mean.ends
     neighbours = (ends @ ends.T - sp.diags_array(np.asarray(ends.sum(axis=1)).ravel())).tocsr()
@@ -181,7 +185,7 @@ def _smoothed(deformation: Deformation, faces: IntArray, vertices: FloatArray) -
 
 
 def _following(elastic: ElasticSurface, vertices: FloatArray, free: BoolArray) -> FloatArray:
-    """Return the coordinates with free ones put where the others' rotations put them."""
+    """Return coordinates in which free vertices follow rotations interpolated from the others."""
     rows = elastic.stiffness[free]
     solver, held = splu(rows[:, free].tocsc()), rows[:, ~free]
     rotations = elastic.rotations(vertices)
@@ -201,7 +205,7 @@ def relaxed(
     *drawn: Anchors | None,
     n_turns: int,
 ) -> FloatArray:
-    """Return the coordinates of least energy, rotations and coordinates by turns."""
+    """Return coordinates of low energy, by alternating between rotations and coordinates."""
     matrix = stiffness * elastic.stiffness + _IN_PLACE * sp.eye_array(len(vertices))
     pull = _IN_PLACE * vertices
     for one in drawn:

@@ -1,4 +1,4 @@
-"""The refinement that lays the reference onto each shape, in space."""
+"""The refinement that lays the mesh of the reference onto each shape."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -44,29 +44,29 @@ from skfmap.shapes import SpectralShape
 
 __all__ = ["Laid", "Registration", "lay_on_training"]
 
-# Stiffnesses that training shapes choose among, beside a mean of 1 with which the surface draws.
+# Candidate stiffnesses, relative to the attraction of each vertex by the surface, whose mean is 1.
 _STIFFNESSES = (30.0, 3.0, 0.3, 0.03)
-# Stiffness at which the reference is laid onto training shapes, whose pairs are known.
+# Stiffness for laying the reference onto training shapes, whose pairs are known.
 _OF_TRAINING = 0.3
-# How strongly known pairs draw where there are few of them, beside 1 for the surface at a vertex;
-# many pairs draw as much as the surface does together. On mandibles with 13 landmarks, 10 rather
-# than 1 brings errors from 0.288 to 0.256 mm.
+# Attraction by a known pair if there are few, relative to 1 for the surface at a vertex; the total
+# attraction by many pairs equals that of the surface. On mandibles with 13 landmarks, 10 instead of
+# 1 reduces errors from 0.288 to 0.256 mm.
 _FEW_PAIRS = 10.0
-# Pairs for each function that are many: the known map then tells where points lie.
+# Minimum number of pairs per function for which the known map is used to place points.
 _MANY_PAIRS = 10
-# Training shapes that are left out in turn for the choice, at most.
+# Maximum number of training shapes that are left out in turn to choose the stiffness.
 _VALIDATED = 6
-# How strongly a match draws beside known pairs, which draw as much as the surface does.
+# Attraction by matched points, relative to known pairs, whose total equals that of the surface.
 _MATCHED = 0.1
-# Misfits above which a registration is started again from where it led (three times at most), from
+# Misfits above which a registration is repeated from its own result (at most three times), from
 # other refinements of the match, and from poses of training shapes. On FAUST, cats and animals,
 # registrations from the right start are below 3.
 _DOUBTFUL, _WRONG, _LOST, _AGAIN = 1.5, 2.0, 3.0, 3
-# Poses of training shapes that are kept at most (60 kB each at 5,000 vertices), and how many of the
-# nearest ones are tried.
+# Maximum number of poses of training shapes that are stored (60 kB each at 5,000 vertices), and
+# number of the nearest ones that are tried.
 _MOST_POSES, _N_POSES_NEAR = 24, 5
-# Another start is better if its misfit is below this share of the first one's. Without the margin a
-# cat goes from 2.5 to 3.3.
+# Another start is preferred if its misfit is below this fraction of that of the first one. Without
+# this margin, the error of a cat increases from 2.5 to 3.3.
 _CLEARLY = 0.8
 
 
@@ -96,13 +96,13 @@ class Registration(Refinement):
 
     It starts from a match or, for rigid shapes, from a similarity found in space. The reference is
     then deformed as training shapes deform, and attracted by the closest points of the surface
-    whose normals agree, while it becomes softer. The learner's word for it is
-    ``refine="register"``; `skfmap.register` returns the meshes.
+    whose normals agree, while it becomes softer. In the learner, this is ``refine="register"``;
+    `skfmap.register` returns the meshes.
 
     Parameters
     ----------
     start : {"bijective-zoomout", "icp", "zoomout"}, Refinement or None, default="bijective-zoomout"
-        The match to start from. None: the learned match, without refinement.
+        Refinement of the match to start from. None starts from the learned match, unrefined.
     deformation : {"learned", "as-rigid-as-possible"}, default="learned"
         Which deformations cost nothing: the mean and the principal components of the stretch of
         training shapes, whatever their pose; or none, relative to the reference.
@@ -160,7 +160,7 @@ class Registration(Refinement):
         self.pose = pose
 
     def check_parameters(self) -> None:
-        """Raise for parameters that cannot be used."""
+        """Raise an error for invalid parameters."""
         if isinstance(self.start, Registration):
             raise ValueError(
                 "start cannot be a Registration; give another refinement, or None for the match "
@@ -178,19 +178,19 @@ class Registration(Refinement):
             check_number(self.stiffness, "stiffness", low=0, strict=True)
 
     def fit(self, training: Any, matcher: Any) -> Self:
-        """Learn how the reference deforms, and how stiff it has to be.
+        """Learn the deformation model, and choose the stiffness.
 
         Parameters
         ----------
         training : TrainingSet
             Training shapes.
         matcher : Matcher
-            What was learned from them.
+            Matcher that was learned from them.
 
         Returns
         -------
         Registration
-            Itself.
+            The fitted refinement.
         """
         self._prepare(training, matcher)
         self.choices_: dict[float, float] = {}
@@ -203,9 +203,9 @@ class Registration(Refinement):
         return self
 
     def fit_fold(self, training: Any, matcher: Any) -> Self:
-        """Return what is learned from some of the shapes, with what all of them chose.
+        """Return a refinement learned from some of the shapes, with choices made by all of them.
 
-        The parameters are those of `fit`, which has been called.
+        The parameters are those of `fit`, which has to be called before.
         """
         other: Self = clone(self)
         other._prepare(training, matcher)
@@ -216,10 +216,10 @@ class Registration(Refinement):
         return other
 
     def refine(self, learned: Learned, spectral: SpectralShape, match: PointMatch) -> PointMatch:
-        """Return the match by nearest points in space, and by normals.
+        """Return the match by nearest points, with respect to both positions and normals.
 
-        Refined are also ``inverse``, the nearest vertex to each registered one, and the functional
-        map, which is fitted to both.
+        The result also has a new ``inverse``, the nearest vertex to each registered one, and a new
+        functional map, which is fitted to both point maps.
         """
         return _matched_in_space(
             learned.reference.spectral, spectral, match, self.vertices_on(learned, spectral, match)
@@ -231,16 +231,16 @@ class Registration(Refinement):
         Parameters
         ----------
         learned : Learned
-            What was learned.
+            The learned model.
         spectral : SpectralShape
             The shape S_i.
         match : PointMatch
-            Its match in the learned functions.
+            Match of the shape in the learned functions.
 
         Returns
         -------
         Laid
-            On the shape of unit area.
+            The reference laid onto the shape, which is scaled to unit area.
         """
         vertices = self.vertices_on(learned, spectral, match)
         spectral_0 = learned.reference.spectral
@@ -251,16 +251,16 @@ class Registration(Refinement):
     def quality_of(
         self, learned: Learned, spectral: SpectralShape, match: PointMatch
     ) -> tuple[Quality, bool]:
-        """Return how well the reference lies that `refine` took a match from, and whether it fits.
+        """Return the quality of the registration behind a match from `refine`, and whether it fits.
 
         Parameters
         ----------
         learned, spectral : Learned, SpectralShape
             As in `refine`.
         match : PointMatch
-            What `refine` returned.
+            The match that `refine` returned.
         """
-        laid = match.points_0[:, :3]  # positions; normals are behind them
+        laid = match.points_0[:, :3]  # positions, which are followed by normals
         quality = self._quality(learned.reference.spectral, spectral, laid)
         return quality, self.limits_.allow(quality)
 
@@ -269,9 +269,8 @@ class Registration(Refinement):
     ) -> FloatArray:
         """Return the reference's working vertices on a shape of unit area, (n_vertices_0, 3).
 
-        If they lie worse than on training shapes, the registration is started again from where it
-        led, and if they lie much worse, also from other refinements and from poses of training
-        shapes.
+        If they fit worse than on training shapes, the registration is repeated from its own result.
+        If they fit much worse, other refinements and poses of training shapes are tried as well.
         """
         spectral_0 = learned.reference.spectral
         best = self._tried(learned, spectral, match, self.start_)
@@ -295,7 +294,7 @@ class Registration(Refinement):
         first: tuple[Quality, FloatArray],
         doubt: float,
     ) -> tuple[Quality, FloatArray]:
-        """Return the result of the first start, or of another one if that is clearly better."""
+        """Return the result of the first start, or of another one that is clearly better."""
         starts: list[tuple[PointMatch, Refinement | None]] = []
         if doubt > _WRONG:
             starts += [(match, other) for other in (ICP(), ZoomOut(), None)]
@@ -313,7 +312,7 @@ class Registration(Refinement):
         return self.limits_.misfit(tried[0])
 
     def _poses_near(self, spectral_0: SpectralShape, spectral: SpectralShape) -> list[FloatArray]:
-        """Return poses of training shapes, moved to where they lie nearest to a shape."""
+        """Return the poses of training shapes that are nearest to a shape, aligned with it."""
         return nearest_poses(
             np.concatenate([spectral_0.vertices[None], self.poses_]),
             spectral_0.mesh.faces,
@@ -330,7 +329,7 @@ class Registration(Refinement):
         match: PointMatch,
         refinement: Refinement | None,
     ) -> tuple[Quality, FloatArray]:
-        """Return the vertices that a match leads to once it is refined, and how well they lie."""
+        """Return the quality and vertices of the registration that starts from a refined match."""
         deformation, spectral_0 = self.deformation_, learned.reference.spectral
         begun = match if refinement is None else refinement.refine(learned, spectral, match)
         start = _start(deformation, spectral_0, spectral, begun, self.pose_)
@@ -366,9 +365,9 @@ class Registration(Refinement):
         laid: list[FloatArray],
         stiffnesses: tuple[float, ...],
     ) -> None:
-        """Choose the stiffness by training shapes that the deformation is not learned from.
+        """Choose the stiffness on training shapes that are left out of the deformation model.
 
-        They also say how well a reference usually lies.
+        The usual quality is measured on the same shapes.
         """
         spectral_0, n = training.reference.spectral, len(samples)
         rows = np.unique(np.linspace(0, n - 1, min(n, _VALIDATED)).round().astype(int))
@@ -412,7 +411,10 @@ class Registration(Refinement):
 
 
 def _poses(laid: Sequence[FloatArray], spectral_0: SpectralShape, pose: str) -> Any:
-    """Return poses of training shapes that are as unlike as can be, (n_poses, n_vertices_0, 3)."""
+    """Return poses of training shapes that differ as much as possible, (n_poses, n_vertices_0, 3).
+
+    There are none if shapes differ only by similarities.
+    """
     if pose == "similarity":
         return np.zeros((0, *spectral_0.vertices.shape), np.float32)
     aligned = [best_similarity(one, laid[0], spectral_0.mass).apply(one) for one in laid]
@@ -422,7 +424,7 @@ def _poses(laid: Sequence[FloatArray], spectral_0: SpectralShape, pose: str) -> 
 
 @dataclass(frozen=True, eq=False)
 class _Sample:
-    """A training shape, and where its known pairs lie."""
+    """A training shape with its known pairs."""
 
     matcher: Any
     shape: Any
@@ -436,9 +438,9 @@ class _Sample:
 
     @property
     def match_to_lay(self) -> PointMatch:
-        """The match that the known pairs are followed from, where shapes bend.
+        """The match that supplements the known pairs of shapes that bend.
 
-        Where there are many it is that of the known map, which is the same in all folds.
+        If there are many pairs, it is the match of the known map, which is the same in all folds.
         """
         k = len(self.known_map)
         if len(self.pairs.points) < _MANY_PAIRS * k:
@@ -448,7 +450,7 @@ class _Sample:
 
     @cached_property
     def match(self) -> PointMatch:
-        """What the matcher makes of it, for those who ask."""
+        """The match by the matcher, computed on demand."""
         solution = self.matcher.solve(self.shape)
         match: PointMatch = self.matcher.match_points(self.shape, solution.C)[1]
         return match
@@ -462,7 +464,7 @@ def _samples(training: Any, matcher: Any, start: Refinement | None, pose: str) -
 
 
 def _is_mirrored(spectral_0: SpectralShape, sample: "_Sample") -> bool:
-    """Tell whether a stiff shape is a mirror image, onto which the reference cannot be turned."""
+    """Return whether a stiff shape is a mirror image, which no rotation of the reference fits."""
     at_0 = np.asarray(sample.pairs.places @ spectral_0.vertices)
     left = left_by_similarities(at_0, sample.pairs.points, sample.pairs.weights)
     return sample.pose == "similarity" and len(at_0) >= TELLING and side_of(*left) == -1
@@ -471,20 +473,20 @@ def _is_mirrored(spectral_0: SpectralShape, sample: "_Sample") -> bool:
 def _sample(matcher: Any, training: Any, i: int, pose: str) -> _Sample:
     shape, known = training.shapes[i], training.known[i]
     spectral_0 = training.reference.spectral
-    # Where shapes are stiff, functions do not tell which pairs are wrong; space may have.
+    # Wrong pairs of stiff shapes are not found by functions, but may have been found in space.
     right = ~training.wrong[i] if pose == "similarity" else known.areas > 0
     draw = min(_FEW_PAIRS * right.sum(), spectral_0.mesh.n_vertices)
     join = training.joins[i].take(right)
     pairs = Anchors(
         spectral_0.place_matrix(join.vertices_0, join.places_0),
-        training.points(i)[right],  # as measured: on the surface mandibles lose 0.007 of 0.19 mm
+        training.points(i)[right],  # as measured: projection costs 0.007 of 0.19 mm on mandibles
         join.weights * (draw / max(float(join.weights.sum()), 1e-300)),
     )
     return _Sample(matcher, shape, pairs, pose, known.C)
 
 
 def _pose(training: Any) -> str:
-    """Tell whether a similarity explains the known pairs of most training shapes."""
+    """Return "similarity" if similarities explain most training shapes' known pairs, or "free"."""
     left = []
     for i in training.used:
         if len(np.unique(training.joins[i].points)) < TELLING:
@@ -497,15 +499,15 @@ def _pose(training: Any) -> str:
     return "similarity" if left and np.median(left) <= STIFF else "free"
 
 
-# Of each training shape that lives, the latest of what was laid onto it.
+# Cache of the latest registrations of each training shape, for as long as the shape exists.
 _MOST_LAID = 4
 _LAID: WeakKeyDictionary[SpectralShape, dict[str, FloatArray]] = WeakKeyDictionary()
 
 
 def _lay_by_pairs(spectral_0: SpectralShape, sample: _Sample) -> FloatArray:
-    """Return the reference on a training shape, by known pairs; once for all that do it alike."""
+    """Return the reference laid onto a training shape by known pairs, which is cached."""
     pairs = sample.pairs
-    # Of stiff shapes the match is not asked, so that all folds have them from one another.
+    # Stiff shapes are laid without the match, so that all folds share the cached results.
     match = None if sample.pose == "similarity" else sample.match_to_lay
     asked = () if match is None else (match.p2p, match.inverse)
     key = hash_of_arrays(
@@ -521,7 +523,7 @@ def _lay_by_pairs(spectral_0: SpectralShape, sample: _Sample) -> FloatArray:
     known = _LAID.setdefault(sample.spectral, {})
     laid = known.get(key)
     if laid is None:
-        for oldest in list(known)[: 1 - _MOST_LAID]:  # other threads may drop it too
+        for oldest in list(known)[: 1 - _MOST_LAID]:  # other threads may also remove it
             known.pop(oldest, None)
         laid = known[key] = _by_pairs(spectral_0, sample, match)
     return laid
@@ -559,7 +561,7 @@ def _validated(
     pose: str,
     stiffnesses: tuple[float, ...],
 ) -> list[tuple[float, FloatArray]]:
-    """Return, for each stiffness, how far known places are from where they belong, and vertices."""
+    """Return the mean error at known pairs, and the registered vertices, for each stiffness."""
     start = _start(deformation, spectral_0, sample.spectral, sample.match, pose)
     found, pairs = [], sample.pairs
     surface = ClosestPoints(sample.spectral.vertices, sample.spectral.mesh.faces)
@@ -578,7 +580,7 @@ def _start(
     match: PointMatch,
     pose: str,
 ) -> FloatArray:
-    """Return the coordinates to begin with: the mean shape moved, or the match followed."""
+    """Return the initial coordinates: the aligned mean shape, or a deformation to the match."""
     matched = _matched(spectral, spectral_0, match)
     if pose == "free":
         start = lay_on_points(deformation, matched, matched.points)
@@ -597,9 +599,10 @@ def _start(
 
 
 def _matched(spectral: SpectralShape, spectral_0: SpectralShape, match: PointMatch) -> Anchors:
-    """Return the points that a match puts the reference's vertices on.
+    """Return the points to which a match sends the reference's vertices.
 
-    A vertex counts by how near it comes to itself when it goes to the shape and back.
+    The weight of a vertex depends on how near to itself it returns when it is matched to the shape
+    and back.
     """
     vertices_0 = spectral_0.vertices
     back = np.linalg.norm(vertices_0 - vertices_0[match.p2p[match.inverse]], axis=1)
@@ -633,7 +636,7 @@ def _drawn(
 def _matched_in_space(
     spectral_0: SpectralShape, spectral: SpectralShape, match: PointMatch, laid: FloatArray
 ) -> PointMatch:
-    """Return the match of nearest points, which are the farther apart the more normals differ."""
+    """Return the match of nearest points, by positions and weighted normals."""
     points_i, points_0 = nearest_in_space(
         spectral_0, (spectral.vertices, spectral.mesh.faces), laid
     )
@@ -651,16 +654,16 @@ def lay_on_training(training: Any, matcher: Any, start: Refinement | None) -> li
     Parameters
     ----------
     training : TrainingSet
-        Training shapes; those that have a share, ``training.used``, are laid onto.
+        Training shapes; only those with a positive weight, ``training.used``, are registered.
     matcher : Matcher
-        What was learned from them.
+        Matcher that was learned from them.
     start : Refinement or None
-        A fitted refinement, which helps where pairs are few.
+        A fitted refinement, which is used if there are few pairs.
 
     Returns
     -------
     list of ndarray of shape (n_vertices_0, 3)
-        Coordinates of the reference's working vertices on each, at its unit area.
+        Coordinates of the reference's working vertices on each shape, which has unit area.
     """
     pose, spectral_0 = _pose(training), training.reference.spectral
     begun = replace(matcher, refinement=start)
