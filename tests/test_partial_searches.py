@@ -106,6 +106,10 @@ def test_saying_nothing_costs_as_much_as_answering_at_random(model, held_out):
     assert 0 < said_nothing.mean() < 1
     assert errors.direct[said_nothing] == pytest.approx(at_random, rel=1e-4)
     assert errors.direct[~said_nothing].mean() < 0.5 * at_random
+    silent = np.full(len(silent), -1)  # of a scan that lies off the reference everywhere
+    errors = scorer.errors(skfmap.Match(silent, *[None] * 2, np.eye(1), np.eye(1)), known)
+    assert len(errors.direct)
+    assert errors.mean() == pytest.approx(at_random, rel=1e-4)
 
 
 @pytest.mark.filterwarnings("ignore:PartialMatcher learned from 2 shapes")

@@ -204,6 +204,8 @@ def test_a_table_has_a_line_for_each_vertex(match, tmp_path):
 
 
 def test_an_archive_has_all_numbers(match, tmp_path):
+    torn = np.arange(len(match.p2p)) % 2 == 0
+    match = replace(match, scale=0.001, torn=torn)
     (path,) = match.save(tmp_path / "match.npz")
     with np.load(path, allow_pickle=False) as saved:
         parts = [saved[f"matrix_{part}"] for part in ("data", "indices", "indptr")]
@@ -212,6 +214,8 @@ def test_an_archive_has_all_numbers(match, tmp_path):
             np.testing.assert_array_equal(saved[name], getattr(match, name))
         assert str(saved["reference_name"]) == match.reference_name
         assert bool(saved["familiar"]) is match.familiar
+        assert float(saved["scale"]) == match.scale
+        np.testing.assert_array_equal(saved["torn"], torn)
     assert abs(matrix - match.matrix).max() == 0
 
 

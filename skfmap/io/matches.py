@@ -147,7 +147,7 @@ def _archive(match: Match) -> bytes:
     )
     arrays = {name: getattr(match, name) for name in names}
     arrays |= {name: getattr(match, name) for name in ("name", "reference_name", "reference_hash")}
-    arrays |= {"misfit": match.misfit, "familiar": match.familiar}
+    arrays |= {"misfit": match.misfit, "familiar": match.familiar, "scale": match.scale}
     if match.matrix is not None:
         matrix = match.matrix.tocsr()
         arrays |= {

@@ -507,10 +507,9 @@ class PartialMatcher(Versioned, BaseEstimator):
         matches = self._matched(items, parts)
         warn_of_parts(items, kinds, parts, self.trust_)
         scorer = PartScorer(learner_of(self.estimator_), method, reference_y)
-        for i, item in enumerate(items):
+        for i, truth in enumerate(truths):
             if i not in found:
-                match = matches[i] if i in matches else self._nothing(item, i)
-                found[i] = scorer.errors(match, truths[i])
+                found[i] = scorer.errors(matches.get(i), truth)
         return [found[i] for i in range(len(items))]
 
     def errors_to_score(

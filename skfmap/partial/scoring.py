@@ -63,8 +63,8 @@ class PartScorer:
     method: DistanceMethod
     reference_y: Answer | None
 
-    def errors(self, match: Match, truth: Correspondence) -> PairErrors:
-        """Return the errors of a match at known pairs; no pairs if the match or truth is empty.
+    def errors(self, match: Match | None, truth: Correspondence) -> PairErrors:
+        """Return the errors of a match at known pairs; none without a match or known pairs.
 
         An unmatched point has the error of a random match, so that a model gains nothing by
         leaving points unmatched.
@@ -72,7 +72,7 @@ class PartScorer:
         learner, truth_0 = self.learner, self.learner.reference_correspondence_
         if self.reference_y is not None:
             truth_0 = as_correspondence(self.reference_y)
-        if not (match.p2p >= 0).any() or not len(truth.join(truth_0).points):
+        if match is None or not len(truth.join(truth_0).points):
             nothing = np.empty(0)
             return PairErrors(np.empty(0, dtype=np.int64), nothing, None, nothing)
         spectral_0 = learner.reference_.spectral
