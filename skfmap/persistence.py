@@ -61,7 +61,6 @@ TRUSTED_TYPES = (
     "skfmap.partial.body.Regions",
     "skfmap.partial.matcher.PartialMatcher",
     "skfmap.partial.recognition.Recogniser",
-    "skfmap.partial.sides.Sides",
     "skfmap.partial.trust.PartTrust",
     "skfmap.refinement.BijectiveZoomOut",
     "skfmap.refinement.ICP",

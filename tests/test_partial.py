@@ -32,7 +32,7 @@ from skfmap.partial import Cut, DiscCut, LimbCut, PlaneCut, ViewCut
 from skfmap.partial.consistency import hypotheses
 from skfmap.partial.laying import lay_on_part
 from skfmap.partial.scan import Scan, scan_of
-from skfmap.partial.sides import Sides, mirror_image, turned_out
+from skfmap.partial.winding import is_inside_out
 from skfmap.persistence import load_model, save_model
 from skfmap.registration import Deformation
 
@@ -488,59 +488,14 @@ def test_whole_shapes_in_other_units_need_no_estimate(matcher, creatures):
         assert found.scale is None
 
 
-def test_a_kind_is_sided_if_nearly_all_of_many_parts_are_unlike_their_images():
-    scores = np.linspace(-8.0, -4.0, 20)
-    unlike = np.where(np.arange(20) < 3, scores, scores - 3.0)
-    assert Sides.learned(scores, unlike).sided
-    assert not Sides.learned(scores[:7], scores[:7] - 3.0).sided
-    assert not Sides.learned(scores, scores[::-1]).sided
-    assert not Sides.learned(scores, np.where(np.arange(20) < 5, scores, scores - 3.0)).sided
-    assert Sides.learned(scores, unlike).usual == pytest.approx(-6.0)
-
-
-@pytest.mark.parametrize(
-    ("sided", "told"),
-    [
-        (True, ["right", "inside out", "mirrored", "negated"]),
-        (False, ["right", "inside out", "right", "inside out"]),
-    ],
-)
-def test_the_side_is_the_one_on_which_a_scan_fits_best(sided, told, scan, matcher, monkeypatch):
-    """Only sided kinds are compared with mirror images; others fit them as well."""
-    faces, first = scan.faces, scan.vertices[0, 0]
-
+@pytest.mark.parametrize(("usual", "wanted"), [(-3.0, [False, True]), (-20.0, [False, False])])
+def test_only_scans_below_the_usual_score_are_reversed(usual, wanted, scan, matcher, monkeypatch):
     def score(_, one):
-        outwards = np.array_equal(one.faces, faces) == (one.vertices[0, 0] == first)
-        itself = one.vertices[0, 0] == first
-        return -4.0 - 8.0 * (not outwards) - 3.0 * (sided and not itself)
+        return -4.0 - 8.0 * (not np.array_equal(one.faces, scan.faces))
 
-    monkeypatch.setattr("skfmap.partial.sides.score_of", score)
-    right = Scan(scan.vertices, faces)
-    image = mirror_image(right)
-    ways = [right, turned_out(right), image, turned_out(image)]
-    sides = Sides(usual=-3.0, sided=sided)
-    assert [sides.of(matcher.body_, one) for one in ways] == told
-    assert {Sides(-20.0, sided).of(matcher.body_, one) for one in ways} == {"right"}
-
-
-@pytest.mark.parametrize(
-    ("side", "message"),
-    [
-        ("mirrored", "As mirror images, these scans fit the training shapes better"),
-        ("negated", "An axis seems to be negated"),
-    ],
-)
-def test_mirror_images_are_told_and_not_familiar(side, message, matcher, scan):
-    class Always:
-        def of(self, body, scan):
-            return side
-
-    model = with_parameters(matcher)
-    model.sides_ = Always()
-    with pytest.warns(OrientationWarning, match=message) as told:
-        (found,) = skfmap.match(model, [scan])
-    assert len(told) == 1
-    assert found.familiar is False
+    monkeypatch.setattr("skfmap.partial.winding.score_of", score)
+    scans = [Scan(scan.vertices, scan.faces), Scan(scan.vertices, scan.faces[:, ::-1])]
+    assert [is_inside_out(matcher.body_, one, usual) for one in scans] == wanted
 
 
 @pytest.fixture(scope="module")

@@ -67,8 +67,8 @@ class Part:
         The reference laid onto the working mesh.
     unit : float
         Length that the coordinates were divided by.
-    side : {"right", "inside out", "mirrored", "negated"}
-        Result of `Sides.of`; faces that were inside out have been reversed.
+    is_reversed : bool
+        Whether the faces were wound inwards, and have been reversed.
     scale : float or None
         Estimated factor from the units of the part to those of the training shapes.
     """
@@ -78,13 +78,8 @@ class Part:
     scan: Scan
     laid: LaidOnPart
     unit: float
-    side: str = "right"
+    is_reversed: bool = False
     scale: float | None = None
-
-    @property
-    def is_itself(self) -> bool:
-        """Whether the part does not seem to be mirrored."""
-        return self.side in ("right", "inside out")
 
     @cached_property
     def sound(self) -> IntArray:
@@ -153,7 +148,7 @@ def matched_part(known: Knowledge, part: Part, name: str | None) -> Match:
         inverse=inverse,
         reference_hash=spectral_0.given_hash,
         misfit=laid.strain / known.trust.usual_strain,
-        familiar=known.trust.is_familiar(laid) and part.is_itself,
+        familiar=known.trust.is_familiar(laid),
         covered=covered,
         covered_probability=probability,
         scale=part.scale,

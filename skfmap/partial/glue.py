@@ -163,8 +163,7 @@ def better_of(
     return {
         i: match
         for i, match in laid.items()
-        if parts[i].is_itself
-        and known.trust.is_familiar(parts[i].laid)
+        if known.trust.is_familiar(parts[i].laid)
         and _share(parts[i], match) < _share(parts[i], whole[i])
     }
 

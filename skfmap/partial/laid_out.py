@@ -41,7 +41,7 @@ def registered_on_part(known: Knowledge, part: Part, name: str | None) -> Regist
         off=_share_off(known, part, covered),
         uncovered=laid.off,
         stretched=float("nan"),
-        fits=known.trust.is_familiar(laid) and part.is_itself,
+        fits=known.trust.is_familiar(laid),
         name=name,
         reference_name=known.learner.reference_.name,
         energy=float(deformation.energy(laid.vertices)),

@@ -8,9 +8,9 @@ from skfmap._tools.types import FloatArray, IntArray
 from skfmap.partial.answers import Part
 from skfmap.partial.body import Body
 from skfmap.partial.scale import scale_of
-from skfmap.partial.scan import scan_of
-from skfmap.partial.sides import Sides
+from skfmap.partial.scan import Scan, scan_of
 from skfmap.partial.trust import PartTrust
+from skfmap.partial.winding import is_inside_out
 
 __all__ = ["WaysToLay", "laid_part"]
 
@@ -20,8 +20,10 @@ class WaysToLay(NamedTuple):
 
     Attributes
     ----------
-    body, trust, sides : Body, PartTrust, Sides
+    body, trust : Body, PartTrust
         What was learned from the training shapes.
+    usual_score : float
+        Median score of parts of held-out training shapes.
     unit : float
         Square root of the area of the reference, in the units of the meshes.
     areas : ndarray of shape (n_shapes,)
@@ -34,7 +36,7 @@ class WaysToLay(NamedTuple):
 
     body: Body
     trust: PartTrust
-    sides: Sides
+    usual_score: float
     unit: float
     areas: FloatArray
     estimates_scale: bool
@@ -51,15 +53,21 @@ def laid_part(ways: WaysToLay, vertices: FloatArray, faces: IntArray) -> Part:
     vertices, faces : ndarray of shape (n_vertices, 3), ndarray of int, shape (n_faces, 3)
         The part, as given.
     """
+    scan, unit, scale = _scan_of(ways, vertices, faces)
+    is_reversed = is_inside_out(ways.body, scan, ways.usual_score)
+    if is_reversed:
+        faces = faces[:, ::-1]
+        scan, unit, scale = _scan_of(ways, vertices, faces)
+    return Part(vertices / unit, faces, scan, ways.body.lay(scan), unit, is_reversed, scale)
+
+
+def _scan_of(
+    ways: WaysToLay, vertices: FloatArray, faces: IntArray
+) -> tuple[Scan, float, float | None]:
+    """Return a scan in units of the reference, their length, and the scale if it is estimated."""
     unit, scale = ways.unit, None
-    for turn in (1, -1):  # reverse the faces if they are inside out
-        faces = faces[:, ::turn]
-        if ways.estimates_scale:
-            area = float(np.median(ways.areas))
-            unit = 1 / scale_of(vertices, faces, ways.body, ways.trust, area)
-            scale = ways.unit / unit
-        scan = scan_of(vertices, faces, unit, ways.max_vertices)
-        side = ways.sides.of(ways.body, scan) if turn == 1 else "inside out"
-        if side != "inside out":
-            break
-    return Part(vertices / unit, faces, scan, ways.body.lay(scan), unit, side, scale)
+    if ways.estimates_scale:
+        area = float(np.median(ways.areas))
+        unit = 1 / scale_of(vertices, faces, ways.body, ways.trust, area)
+        scale = ways.unit / unit
+    return scan_of(vertices, faces, unit, ways.max_vertices), unit, scale

@@ -11,8 +11,8 @@ from skfmap.learner.training_set import TrainingSet
 from skfmap.partial.body import Body, Lesson, shared_regions
 from skfmap.partial.cuts import Cut
 from skfmap.partial.scan import area_and_rim, scan_of
-from skfmap.partial.sides import Sides, mirror_image, score_of
 from skfmap.partial.trust import PartTrust, Seen
+from skfmap.partial.winding import score_of
 from skfmap.registration.part import Registration, lay_on_training
 from skfmap.shapes import Mesh
 
@@ -35,8 +35,8 @@ class Learned(NamedTuple):
         Square root of the area of the reference, in the units of the meshes.
     areas, rims : ndarray of shape (n_shapes,)
         Area and rim length of each training shape, in units of the reference.
-    sides : Sides
-        What was learned about mirror images and about the orientation of faces.
+    usual_score : float
+        Median score of parts of held-out training shapes; see `score_of`.
     """
 
     body: Body
@@ -44,7 +44,7 @@ class Learned(NamedTuple):
     unit: float
     areas: FloatArray
     rims: FloatArray
-    sides: Sides
+    usual_score: float
 
 
 def learned_from(
@@ -104,9 +104,9 @@ def learned_from(
     seen = map_shapes(_seen, left_out, n_jobs=n_jobs, verbose=0)
     sizes = np.array([area_and_rim(one.vertices / unit, one.faces) for one in whole])
     trust = PartTrust.learned(seen, regions)
-    scores = map_shapes(_scores, left_out, n_jobs=n_jobs, verbose=0)
-    sides = Sides.learned(*zip(*scores, strict=True))
-    return Learned(bodies[0], trust, unit, sizes[:, 0], sizes[:, 1], sides)
+    scores = map_shapes(_score, left_out, n_jobs=n_jobs, verbose=0)
+    usual_score = float(np.median(scores))
+    return Learned(bodies[0], trust, unit, sizes[:, 0], sizes[:, 1], usual_score)
 
 
 def _folds(n_shapes: int) -> list[IntArray]:
@@ -163,6 +163,5 @@ def _seen(body: Body, lesson: Lesson) -> Seen:
     return Seen(lesson, body.lay(lesson.scan))
 
 
-def _scores(body: Body, lesson: Lesson) -> tuple[float, float]:
-    """Return the scores of a part and of its mirror image."""
-    return score_of(body, lesson.scan), score_of(body, mirror_image(lesson.scan))
+def _score(body: Body, lesson: Lesson) -> float:
+    return score_of(body, lesson.scan)

@@ -115,8 +115,9 @@ class PartialMatcher(Versioned, BaseEstimator):
         Square root of the area of the reference, in the units of the meshes.
     areas_, rims_ : ndarray of shape (n_shapes,)
         Area and rim length of each training shape, in units of the reference.
-    sides_ : Sides
-        What was learned about mirror images and about the orientation of faces.
+    usual_score_ : float
+        Median score of parts of held-out training shapes: how consistent the regions are that are
+        recognised on them. Scans below it are checked for faces that are wound inwards.
 
     See Also
     --------
@@ -222,7 +223,7 @@ class PartialMatcher(Versioned, BaseEstimator):
         )
         self.estimator_, self.body_, self.trust_ = pipeline, learned.body, learned.trust
         self.unit_, self.areas_, self.rims_ = learned.unit, learned.areas, learned.rims
-        self.sides_ = learned.sides
+        self.usual_score_ = learned.usual_score
         return self
 
     def match(
@@ -624,7 +625,7 @@ class PartialMatcher(Versioned, BaseEstimator):
         learned = WaysToLay(
             self.body_,
             self.trust_,
-            self.sides_,
+            self.usual_score_,
             self.unit_,
             self.areas_,
             estimates_scale=self.scale == "estimated",

@@ -5,8 +5,8 @@ import numpy as np
 from skfmap._tools.types import FloatArray, IntArray
 from skfmap.partial.body import Body, LaidOnPart
 from skfmap.partial.scan import Scan, area_and_rim, scan_of
-from skfmap.partial.sides import score_of
 from skfmap.partial.trust import PartTrust
+from skfmap.partial.winding import score_of
 
 __all__ = ["scale_of"]
 

@@ -50,14 +50,8 @@ def warn_of_parts(
     names = [named(item, i) for i, item in enumerate(items)]
     called = [f"X[{i}]" if name is None else f"X[{i}] ({name!r})" for i, name in enumerate(names)]
     _warn_of_size(called, kinds)
-    _warn_of_sides([called[i] for i in parts], [part.side for part in parts.values()])
-    _warn_of_strange(
-        [
-            called[i]
-            for i, part in parts.items()
-            if part.is_itself and not trust.is_familiar(part.laid)
-        ]
-    )
+    _warn_of_reversed([called[i] for i, part in parts.items() if part.is_reversed])
+    _warn_of_strange([called[i] for i, part in parts.items() if not trust.is_familiar(part.laid)])
 
 
 def _warn_of_size(called: Sequence[str], kinds: Sequence[str]) -> None:
@@ -91,31 +85,11 @@ def _warn_of_strange(called: Sequence[str]) -> None:
         )
 
 
-_SIDES = {
-    "inside out": (
-        "Faces are wound inwards on {}, and were reversed for the match. If an axis was negated "
-        "instead, negate it back; otherwise left and right are exchanged."
-    ),
-    "mirrored": (
-        "As mirror images, these scans fit the training shapes better: {}. If they were mirrored, "
-        "negate one axis and reverse the faces, faces[:, ::-1]. Do not rely on these matches."
-    ),
-    "negated": (
-        "An axis seems to be negated in {}, without reversing the faces. Negate it back. Do not "
-        "rely on these matches."
-    ),
-}
-
-
-def _warn_of_sides(called: Sequence[str], sides: Sequence[str]) -> None:
-    """Warn of scans that are inside out or mirrored.
-
-    Parameters
-    ----------
-    called, sides : sequence of str
-        Name of each part, and its side.
-    """
-    for side, message in _SIDES.items():
-        those = [who for who, own in zip(called, sides, strict=True) if own == side]
-        if those:
-            warn(message.format(", ".join(those)), OrientationWarning)
+def _warn_of_reversed(called: Sequence[str]) -> None:
+    """Warn of scans whose faces were reversed."""
+    if called:
+        warn(
+            f"Faces are wound inwards on {', '.join(called)}, and were reversed for the match. If "
+            "an axis was negated instead, negate it back; otherwise left and right are exchanged.",
+            OrientationWarning,
+        )
