@@ -32,6 +32,7 @@ from skfmap.partial import Cut, DiscCut, LimbCut, PlaneCut, ViewCut
 from skfmap.partial.consistency import hypotheses
 from skfmap.partial.laying import lay_on_part
 from skfmap.partial.scan import Scan, scan_of
+from skfmap.partial.trust import _coverage_model
 from skfmap.partial.winding import is_inside_out
 from skfmap.persistence import load_model, save_model
 from skfmap.registration import Deformation
@@ -529,6 +530,12 @@ def test_landmarks_are_placed_where_a_part_shows_them(measuring, scan, creatures
 def test_landmarks_need_measured_points_also_where_all_are_parts(matcher, scan):
     with pytest.raises(ValueError, match="fitted with measured points"):
         skfmap.predict_landmarks(matcher, [scan])
+
+
+@pytest.mark.parametrize(("covered", "what"), [(True, "nothing of"), (False, "all of")])
+def test_cuts_that_remove_nothing_or_all_are_an_error(covered, what):
+    with pytest.raises(ValueError, match=f"The cuts removed {what} the training shapes"):
+        _coverage_model(np.zeros((5, 3)), np.full(5, covered))
 
 
 def test_cuts_of_ones_own(creatures, pipeline):

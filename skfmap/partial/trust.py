@@ -76,13 +76,12 @@ class PartTrust:
         levels, means, right = _by_level(X @ slopes, y)
         signs = np.concatenate([one.laid.signs for one in seen])
         covered = np.concatenate([one.lesson.covered for one in seen])
-        model = LogisticRegression().fit(signs, covered)
         return cls(
             slopes,
             levels,
             means,
             right,
-            np.append(model.coef_[0], model.intercept_[0]),
+            _coverage_model(signs, covered),
             float(np.quantile([one.laid.off for one in seen], _USUAL)),
             float(np.quantile([one.laid.strain for one in seen], _USUAL)),
             float(np.mean([error.mean() for error in errors])),
@@ -107,6 +106,24 @@ class PartTrust:
 def is_right(error: FloatArray) -> BoolArray:
     """Return which errors are small enough for a match to count as right."""
     return error < _RIGHT
+
+
+def _coverage_model(signs: FloatArray, covered: BoolArray) -> FloatArray:
+    """Return coefficients of the logit of the probability that a vertex is covered, and intercept.
+
+    Raises
+    ------
+    ValueError
+        If no part lacks anything, or none shows anything.
+    """
+    if covered.all() or not covered.any():
+        what = "nothing of" if covered.all() else "all of"
+        raise ValueError(
+            f"The cuts removed {what} the training shapes that expected errors are calibrated on. "
+            "Give cuts that remove some faces and keep others, or increase n_calibrated."
+        )
+    model = LogisticRegression().fit(signs, covered)
+    return np.append(model.coef_[0], model.intercept_[0])
 
 
 def _columns(scan: Scan, laid: LaidOnPart) -> FloatArray:
