@@ -70,7 +70,8 @@ def sizes_of_tears(edges: IntArray, n_vertices: int) -> FloatArray:
     """
     if not len(edges):
         return np.zeros(0)
-    ends = np.concatenate([edges, edges[:, ::-1]])
+    # SciPy 1.14 matches graphs with 32-bit indices only.
+    ends = np.concatenate([edges, edges[:, ::-1]]).astype(np.int32)
     graph = sp.csr_array(
         (np.ones(len(ends)), (ends[:, 0], ends[:, 1])), shape=(n_vertices, n_vertices)
     )
